@@ -143,6 +143,9 @@ def validate(kind: type[Model], data: object, source: str) -> Model:
     try:
         return cast(Model, adapter(cast(Any, kind)).validate_json(text, strict=True))
     except ValidationError as error:
+        if error.error_count() > 1000 * MAX_FAULTS:  # a list of them takes memory
+            text = f"{error.error_count()} faults; is it the right file?"
+            raise InputError(f"{source}: {text}") from error
         faults = error.errors()
         lines = [_fault_text(source, kind, fault) for fault in faults[:MAX_FAULTS]]
         raise InputError(*lines, untold=max(0, len(faults) - MAX_FAULTS)) from error

@@ -31,6 +31,7 @@ def whole_file(path: Path, sync: bool = True, sync_name: bool = True) -> Iterato
     acceptable. sync_name: False if the caller syncs the folder itself. Raises OSError.
     """
     part = _part_path(path)
+    _remove(part)  # a planted link would be written through
     try:
         yield part
         if sync:
@@ -58,6 +59,7 @@ def write_files(
         for path, content in contents.items():
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            _remove(parts[path])
             parts[path].write_bytes(content)
             _sync(parts[path])
         for path, part in parts.items():
@@ -147,7 +149,7 @@ def _part_path(path: Path) -> Path:
 
 def _remove(path: Path) -> None:
     """Remove a file or folder, ignoring errors: in a read-only folder there is none."""
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         with suppress(OSError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -16,6 +17,8 @@ MAX_SETTINGS_KEYS = 20_000
 """Settings file, usually some hundred; by hand: tomllib takes up to 50 us per key."""
 MAX_RECORD_BYTES = 64 * 2**20
 """Table or record written by a program; by hand: bounds the memory."""
+MAX_RECORD_VALUES = 1_000_000
+"""Values of a JSON file; by hand: an object of one takes up to half a kB when it is read."""
 MAX_NESTING_LEVELS = 32
 """Nesting of tables and lists; by hand: settings files have four, the stack allows more."""
 _DEEP_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_NESTING_LEVELS}}}")
@@ -28,6 +31,9 @@ def read_text(path: Path, max_bytes: int = MAX_SETTINGS_BYTES) -> str:
     Raises InputError if it cannot be read, exceeds max_bytes or is not UTF-8.
     """
     try:
+        # One that no shell has opened blocks until another program writes to it.
+        if path.is_fifo() and path.resolve().exists():
+            raise InputError(f"{path}: is a FIFO; expected a file")
         with path.open("rb") as file:  # a pipe has no size
             data = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
@@ -64,11 +70,14 @@ def read_json(path: Path) -> dict[str, Any]:
     return parse_json(read_text(path, MAX_RECORD_BYTES), str(path))
 
 
-def parse_json(content: str, source: str) -> dict[str, Any]:
+def parse_json(content: str | bytes, source: str) -> dict[str, Any]:
     """Parse the object of a JSON text. Raises InputError naming its source."""
     try:
-        data = json.loads(content)
-        _check_values(data)
+        text = content if isinstance(content, str) else content.decode("utf-8-sig")
+        if text.count("{") + text.count("[") + text.count(",") > MAX_RECORD_VALUES:
+            raise ValueError(f"more than {MAX_RECORD_VALUES} values")
+        data = json.loads(text)
+        _check_values(data, finite=True)
     except RecursionError as error:
         raise InputError(f"{source}: nested too deep; expected a few levels") from error
     except ValueError as error:
@@ -78,16 +87,21 @@ def parse_json(content: str, source: str) -> dict[str, Any]:
     return data
 
 
-def _check_values(data: object) -> None:
-    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS."""
-    waiting = [(data, 0)]
+def _check_values(data: object, finite: bool = False) -> None:
+    """Raise ValueError for integers over 64 bits, RecursionError over MAX_NESTING_LEVELS.
+
+    finite: raise ValueError for infinity and NaN too, which the format JSON does not have.
+    """
+    waiting: list[tuple[str, Any, int]] = [("value", [data], -1)]
     while waiting:
-        value, level = waiting.pop()
+        key, table, level = waiting.pop()
         if level > MAX_NESTING_LEVELS:
             raise RecursionError
-        if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
-            raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
-        if isinstance(value, dict):
-            waiting += [(item, level + 1) for item in value.values()]
-        elif isinstance(value, list):
-            waiting += [(item, level + 1) for item in value]
+        items = table.items() if isinstance(table, dict) else ((key, item) for item in table)
+        for name, value in items:
+            if isinstance(value, dict | list):
+                waiting.append((name, value, level + 1))
+            elif isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
+                raise ValueError(f"an integer of {value.bit_length()} bits; expected at most 64")
+            elif finite and isinstance(value, float) and not math.isfinite(value):
+                raise ValueError(f"{name}: must be a finite number (got {value})")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -60,3 +61,13 @@ def test_files_are_replaced_together(tmp_path: Path, blocked: bool) -> None:
     with pytest.raises(RunFailed, match="result: cannot be written"):
         files.write_files(wanted, [old], RunFailed)
     assert contents(tmp_path) == {"old": b"1"}
+
+
+def test_planted_part_is_no_way_out(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"precious")
+    for write in (files.write_whole, lambda path, data: files.write_files({path: data})):
+        (tmp_path / f".a.{os.getpid()}.part").symlink_to(victim)
+        write(tmp_path / "a", b"new")
+        assert (tmp_path / "a").read_bytes() == b"new"
+        assert victim.read_bytes() == b"precious"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -69,3 +70,25 @@ def test_message_is_one_short_printable_line() -> None:
     assert many.endswith(f" | and {105 - many.count('missing')} more")
     for faults in (["a b " * 500], ["w " * 290, "v " * 400]):
         assert len(fault_line(*faults)) <= 300
+
+
+def test_pipe_is_read_and_fifo_refused(tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.write(write, b"a = 1")
+    os.close(write)
+    assert reading.read_toml(Path(f"/dev/fd/{read}")) == {"a": 1}
+    os.close(read)
+    os.mkfifo(tmp_path / "a.toml")
+    with pytest.raises(InputError, match=r"a\.toml: is a FIFO"):
+        reading.read_toml(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize("value", ["NaN", "-Infinity", "1e999"])
+def test_json_numbers_are_finite(value: str) -> None:
+    with pytest.raises(InputError, match=r"s\.json: .*scale: must be a finite number"):
+        reading.parse_json(f'{{"a": [{{"scale": {value}}}]}}', "s.json")
+
+
+def test_json_of_many_values_is_refused() -> None:
+    with pytest.raises(InputError, match="more than 1000000 values"):
+        reading.parse_json(b'{"a": [' + b"{}," * 500_000 + b"{}]}", "s.json")

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
-import zipfile
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from deltact_fab.common import InputError, Progress, RunFailed, read_toml, validate
 
 from ..protocols.plan import Protocol, Step, expand_protocol
 from . import notes
 from .files import UNHASHED_FORMAT, TruthFiles, frame_id_of, metadata_files, written_files
+from .folder import check_folder, has_file, read_file
 from .journal import is_claimed
 from .run import Run
+from .truth import ARRAY_ERRORS, open_arrays
 
 FileAndHash = tuple[str | None, str | None]
 
@@ -110,7 +109,8 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
     Hashes every image and unpacks every sample and truth. Raises InputError if there is no run
     folder.
     """
-    if not (folder / "run.json").is_file():
+    check_folder(folder)
+    if not has_file(folder, "run.json"):
         Run(folder)  # raises the specific error
     verdict = RunVerdict(folder)
     try:
@@ -163,14 +163,14 @@ def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
             yield Damage("damaged", file, "no hash in the journal")
         elif file not in (*begun, *ended):
             yield Damage("missing", file, "listed in the journal")
-        elif mismatch := _file_damage(run.folder / file, hashes[file]):
+        elif mismatch := _file_damage(run, file, hashes[file]):
             yield Damage("damaged", file, mismatch)
 
 
-def _file_damage(path: Path, digest: str | None) -> str:
+def _file_damage(run: Run, file: str, digest: str | None) -> str:
     """Return why a file does not match its hash; empty if it does."""
     try:
-        data = path.read_bytes()
+        data = read_file(run.folder, file)
     except OSError as error:
         return str(error.strerror)
     same = hashlib.sha256(data).hexdigest() == digest
@@ -290,7 +290,7 @@ def _press_damage(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> It
         if file is None:
             continue
         has_images = True
-        if damage := _file_damage(run.folder / file, digest):
+        if damage := _file_damage(run, file, digest):
             yield f"{file}: {damage}"
     yield from run.damaged_samples(press)
     if has_images and run.simulated and run.meta["rig"]["kind"] == "virtual":
@@ -302,19 +302,17 @@ def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
     lens = [files.lens] * ((run.meta["camera"] or {}).get("model") == "rectified")
     needed = [files.lattice, *lens, files.press(press)]
     for path in needed:
-        if not path.is_file():
-            yield f"{path.relative_to(run.folder)}: truth missing"
+        name = str(path.relative_to(run.folder))
+        if not has_file(run.folder, name):
+            yield f"{name}: truth missing"
             return
-    name = needed[-1].relative_to(run.folder)
     try:
-        with zipfile.ZipFile(needed[-1]) as packed:
-            bad = packed.testzip()
-        with np.load(needed[-1]) as data:
-            ids = data["frame_id"].tolist()
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        with open_arrays(run.folder, name) as data:
+            bad, ids = data.zip.testzip(), data["frame_id"]
+    except ARRAY_ERRORS as error:
         yield f"{name}: truth damaged: {error}"
         return
-    if bad is not None or ids != frame_ids:
+    if bad is not None or ids.shape != (len(frame_ids),) or ids.tolist() != frame_ids:
         yield f"{name}: truth damaged"
 
 

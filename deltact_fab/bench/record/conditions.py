@@ -9,6 +9,7 @@ from typing import Any
 from deltact_fab.common import InputError
 
 from .files import RUN_FORMAT, json_bytes
+from .folder import read_file
 from .run import Run
 
 # Keys that may differ on resume: they change no result and no file.
@@ -50,7 +51,7 @@ def require_same_conditions(
             )
     protocol_path = run.folder / "protocol.toml"
     try:
-        recorded = protocol_path.read_bytes()
+        recorded = read_file(run.folder, "protocol.toml")
     except OSError as error:
         raise InputError(f"{protocol_path}: cannot be read: {error.strerror}") from error
     if recorded != protocol:

@@ -14,9 +14,11 @@ from typing import Annotated, Any
 from pydantic import Field
 from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 
-from deltact_fab.common import InputError, Note, read_json, validate
+from deltact_fab.common import InputError, Note, parse_json, validate
+from deltact_fab.sensor import restore_camera
 
 from ..protocols.plan import SettleTimes, Step
+from .folder import has_file, read_file
 
 RUN_FORMAT = 6  # format number of run folders written by this version
 UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
@@ -78,7 +80,7 @@ def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
         ("run.json", "protocol.toml", "pattern.json", FLAT_FILE),
         ("summary.json", LATTICE_FILE, LENS_FILE),
     )
-    return [name for name in (final if at_the_end else initial) if (folder / name).is_file()]
+    return [name for name in (final if at_the_end else initial) if has_file(folder, name)]
 
 
 def written_files(folder: Path) -> Iterator[Path]:
@@ -140,6 +142,13 @@ class _Rig(TypedDict, total=False):
     force: dict[str, Any] | None
 
 
+_Side = Annotated[int, Field(ge=1, le=20_000)]
+
+
+class _Imported(TypedDict, total=False):
+    image_px: tuple[_Side, _Side]
+
+
 class _RunFile(TypedDict, total=False):
     name: str
     protocol: _Protocol
@@ -152,7 +161,7 @@ class _RunFile(TypedDict, total=False):
     air: bool
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     versions: dict[str, str]
-    imported: dict[str, Any]
+    imported: _Imported
 
 
 class _PatternFile(TypedDict, total=False):
@@ -202,15 +211,27 @@ def load_run_file(folder: Path, name: str) -> dict[str, Any]:
     Raises InputError naming file and key, also when a missing key is used.
     """
     path = folder / name
-    data = read_json(path)
+    data = read_record(folder, name)
     stored = data.get("format")
     if name == "run.json" and stored not in (UNHASHED_FORMAT, RUN_FORMAT):
         valid = f"this version reads {UNHASHED_FORMAT} and {RUN_FORMAT}"
         raise InputError(f"{path}: format: {stored}, {valid}")
     validate(_FILE_SCHEMAS[name], data, str(path))
+    if data.get("camera"):
+        restore_camera(data["camera"], f"{path}: camera")
     missing_text = _UNKNOWN_TEXT if IMPORTED_MARK in data else StrictDict.missing_text
     wrapped: dict[str, Any] = _wrap(data, str(path), missing_text)
     return wrapped
+
+
+def read_record(folder: Path, name: str) -> dict[str, Any]:
+    """Read the object of a run's JSON file. Raises InputError; UnsafeFile as `read_file`."""
+    path = folder / name
+    try:
+        data = read_file(folder, name)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    return parse_json(data, str(path))
 
 
 def _wrap(value: Any, source: str, missing_text: str) -> Any:

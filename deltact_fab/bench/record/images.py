@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import RunFailed, require_extra
 
+from .folder import UnsafeFile
+
 SUSTAINED_RATE_HZ = {"png": 30.0, "jxl": 80.0}
 """Sustained frames per second of 1280 x 720 on two cores: the maximum measured is 35 and 88, and
 none of 240 was dropped at 30 and 60 (docs/evidence/bench-timing.md)."""
@@ -23,6 +25,10 @@ JPEG_START = b"\xff\xd8"  # ITU-T T.81, table B.1
 NOT_AN_IMAGE = "not a readable image"
 JXL_EFFORT = 1  # by hand: higher ones save 1 % of size at several times the time
 
+MAX_IMAGE_PX = 50_000_000
+"""Most pixels of an image that is decoded; by hand: 150 MB, more than any camera in use has."""
+# ISO/IEC 18181-1, "AspectRatio": width by height.
+_JXL_RATIOS = (1, 1), (12, 10), (4, 3), (3, 2), (16, 9), (5, 4), (2, 1)
 _MEASURED_IMAGE_PX = 1280 * 720  # image of the rates measured above
 
 
@@ -87,14 +93,16 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
     """Decode file bytes to (h, w, 3) BGR; reads all formats of OpenCV and JPEG XL.
 
     Raises ValueError with the reason for bytes that are no image of that name's format, or for
-    damaged ones; MissingLibrary.
+    damaged ones; MissingLibrary, and as `require_size`.
     """
     import cv2
+
+    require_size(data, name)
 
     if PurePath(name).suffix.lower() == ".jxl":
         codecs = _imagecodecs()
         try:
-            rgb = codecs.jpegxl_decode(data, numthreads=1)
+            rgb = codecs.jpegxl_decode(data, index=0, numthreads=1)
         except (RuntimeError, ValueError) as error:
             raise ValueError(NOT_AN_IMAGE) from error
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
@@ -107,7 +115,10 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
         if damage is not None:
             raise ValueError(f"damaged JPEG: {damage}")
         data += IMAGE_END  # OpenCV requires one
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:  # empty, or larger than OpenCV's limit
+        raise ValueError(NOT_AN_IMAGE) from error
     if image is None:
         raise ValueError(NOT_AN_IMAGE)
     return np.asarray(image, np.uint8)
@@ -118,6 +129,37 @@ def prepare_jpeg() -> None:
     import cv2
 
     decode(cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), "image.jpg")
+
+
+def require_size(data: bytes, source: str) -> None:
+    """Raise UnsafeFile for a PNG or JPEG XL of more pixels than MAX_IMAGE_PX."""
+    w, h = image_size_px(data) or (0, 0)
+    if w * h > MAX_IMAGE_PX:
+        limit = f"at most {MAX_IMAGE_PX / 1e6:g} million pixels"
+        raise UnsafeFile(f"{source}: image of {w} x {h} px; {limit}")
+
+
+def image_size_px(data: bytes) -> tuple[int, int] | None:
+    """Width and height by the header of a PNG or a bare JPEG XL codestream; None for others."""
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and data[12:16] == b"IHDR":
+        return int.from_bytes(data[16:20]), int.from_bytes(data[20:24])
+    if data[:2] != b"\xff\x0a":
+        return None
+    bits = int.from_bytes(data[2:14], "little")  # ISO/IEC 18181-1, "SizeHeader"
+
+    def take(n: int) -> int:
+        nonlocal bits
+        value = bits & (1 << n) - 1
+        bits >>= n
+        return value
+
+    by_eight = take(1)
+
+    def side() -> int:
+        return 8 * (take(5) + 1) if by_eight else take((9, 13, 18, 30)[take(2)]) + 1
+
+    h, ratio = side(), take(3)
+    return (h * _JXL_RATIOS[ratio - 1][0] // _JXL_RATIOS[ratio - 1][1] if ratio else side()), h
 
 
 def _imagecodecs() -> Any:

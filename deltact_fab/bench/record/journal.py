@@ -9,7 +9,9 @@ adds an image to a full queue waits or is refused.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
+import re
 import sqlite3
 import threading
 from collections import deque
@@ -26,7 +28,9 @@ from numpy.typing import NDArray
 from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, write_whole
 
 from .files import UNHASHED_FORMAT
+from .folder import UnsafeFile, has_file, open_file, read_file
 from .images import encode
+from .streams import MAX_CHUNK_BYTES
 
 JOURNAL_SCHEMA = """
 CREATE TABLE steps (
@@ -54,6 +58,16 @@ CREATE TABLE events (
 );
 CREATE TABLE files (file TEXT PRIMARY KEY, sha256 TEXT NOT NULL);
 """
+# Tables and columns of these words alone: nothing is computed when they are read or written.
+_SCHEMA_TEXT = re.compile(
+    rf"((?:{'|'.join(sorted(set(re.findall(r'[a-z]+[a-z0-9_]*|[A-Z]+', JOURNAL_SCHEMA))))})\b"
+    r"|[\s(),])*"
+)
+# Format of SQLite, "The Rollback Journal": after the name of a file that a rollback deletes.
+_SUPER_JOURNAL_MARK = bytes.fromhex("d9d505f920a163d7")
+MIN_JOURNAL_STEPS, STEPS_PER_BYTE = 1_000_000, 4
+"""Most steps of SQLite's machine; by hand: four times what reading a run takes."""
+_CALLBACK_STEPS = 100_000  # by hand: some milliseconds
 PRESS_TABLES = ("frames", "samples", "steps")  # rows are deleted with their press
 WALL_COLUMNS = ("wall_s",)  # the only columns in which two equal runs may differ
 # A resumed run may also differ in the rig's clock, which restarts with each session, and in its
@@ -67,7 +81,7 @@ def claim(folder: Path) -> BinaryIO:
     Raises InputError if another process holds the lock.
     """
     # On run.json: a lock on the journal would interfere with SQLite's own.
-    file = (folder / "run.json").open("rb")
+    file = open_file(folder, "run.json")
     if not _lock(file, shared=False):
         file.close()
         raise InputError(f"{folder}: another process is writing this run")
@@ -76,7 +90,7 @@ def claim(folder: Path) -> BinaryIO:
 
 def is_claimed(folder: Path) -> bool:
     """True if another process holds the lock of the run."""
-    with (folder / "run.json").open("rb") as file:
+    with open_file(folder, "run.json") as file:
         return not _lock(file, shared=True)
 
 
@@ -96,19 +110,46 @@ def _lock(file: BinaryIO, shared: bool) -> bool:
 
 def connect(folder: Path, new: bool = False) -> sqlite3.Connection:
     """Open the journal for writing. Raises RunFailed if it is missing or not a journal."""
-    path = (folder / "journal.sqlite").absolute()
     with journal_errors(folder):
         # One thread at a time uses it: the pipeline's, between the start of a run and its end.
-        db = sqlite3.connect(
-            f"{path.as_uri()}?mode={'rwc' if new else 'rw'}", uri=True, check_same_thread=False
-        )
+        db = open_journal(folder, "rwc" if new else "rw", check_same_thread=False)
         try:
+            db.set_progress_handler(None, 0)
             db.execute("PRAGMA journal_mode=WAL")
             db.execute("PRAGMA synchronous=FULL")
         except BaseException:
             db.close()
             raise
         return db
+
+
+def open_journal(folder: Path, mode: str, **options: Any) -> sqlite3.Connection:
+    """Open the journal; mode: ro, rw or rwc. Raises UnsafeFile, sqlite3.Error.
+
+    A schema that could run code is refused, and reading takes a number of steps in proportion to
+    the file: pages that refer to one another may form a table without end.
+    """
+    path = folder / "journal.sqlite"
+    has_file(folder, path.name)
+    rollback = f"{path.name}-journal"
+    if has_file(folder, rollback) and read_file(folder, rollback).endswith(_SUPER_JOURNAL_MARK):
+        raise UnsafeFile(f"{path}-journal: names a file to be deleted; no run writes that")
+    size = sum(file.stat().st_size for file in folder.glob("journal.sqlite*"))
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, **options)
+    try:
+        db.execute("PRAGMA trusted_schema=OFF")
+        db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+        callbacks = itertools.count()
+        max_callbacks = (MIN_JOURNAL_STEPS + STEPS_PER_BYTE * size) // _CALLBACK_STEPS
+        db.set_progress_handler(lambda: next(callbacks) > max_callbacks, _CALLBACK_STEPS)
+        for kind, name, sql in db.execute("SELECT type, name, sql FROM sqlite_master"):
+            if kind not in ("table", "index") or not _SCHEMA_TEXT.fullmatch(sql or ""):
+                text = f"{kind} {name!r} is not of a run's journal; remove it"
+                raise UnsafeFile(f"{path}: {text}")
+    except BaseException:
+        db.close()
+        raise
+    return db
 
 
 def insert(db: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
@@ -139,7 +180,7 @@ def schema_faults(db: sqlite3.Connection, run_format: int) -> Iterator[str]:
         missing = sorted(_columns(empty).keys() - have.keys())
     for table, column in missing:
         yield f"no such table or column: {table}.{column}"
-    if not missing and not db.execute("SELECT count(*) FROM events").fetchone()[0]:
+    if not missing and not db.execute("SELECT 1 FROM events LIMIT 1").fetchone():
         yield "events: none, at least one expected"
     for (table, column), (kind, needed) in have.items():
         if (fits := _TYPE_CONDITIONS.get(kind)) is None:
@@ -170,12 +211,15 @@ _TYPE_CONDITIONS = {
 
 
 @contextmanager
-def journal_errors(folder: Path) -> Iterator[None]:
-    """Turn an SQLite error into a RunFailed that names the journal."""
+def journal_errors(folder: Path, text: str = "journal error") -> Iterator[None]:
+    """Turn an SQLite error into a RunFailed that names the journal, or UnsafeFile without end."""
+    path = folder / "journal.sqlite"
     try:
         yield
     except sqlite3.Error as error:
-        raise RunFailed(f"{folder / 'journal.sqlite'}: journal error: {error}") from error
+        if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_INTERRUPT:
+            raise UnsafeFile(f"{path}: its tables take more steps than its size allows") from error
+        raise RunFailed(f"{path}: {text}: {error}") from error
 
 
 ENCODER_THREADS = 2  # measured with two: docs/evidence/bench-timing.md
@@ -359,8 +403,7 @@ def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
     sampled while a move is streamed, so their values depend on timing.
     """
     rows: dict[str, list[tuple[Any, ...]]] = {}
-    uri = (folder / "journal.sqlite").absolute().as_uri()
-    with closing(sqlite3.connect(f"{uri}?mode=ro", uri=True)) as db:
+    with closing(open_journal(folder, "ro")) as db:
         for table in PRESS_TABLES:
             columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
             names = [c for c in columns if c not in CLOCK_COLUMNS]

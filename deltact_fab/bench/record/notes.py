@@ -17,7 +17,9 @@ from typing import Any
 from deltact_fab.common import InputError, RunFailed, disk_errors, parse_json, sync_folder
 
 from .files import NOTES_FILE
+from .folder import MAX_RUN_FILE_BYTES, UnsafeFile, check_folder, has_file, open_file, read_file
 
+MAX_DAMAGED_NOTES = 1000  # by hand: more are no damage but another file
 MAX_NOTE_CHARACTERS = 4000  # by hand: one write call stores a note whole
 
 
@@ -38,18 +40,21 @@ class RunNote:
         Safe during the run. Raises InputError if there is no run folder, RunFailed for a disk
         error.
         """
-        if not (folder / "run.json").is_file():
+        check_folder(folder)
+        if not has_file(folder, "run.json"):
             raise InputError(f"{folder}: not a run folder (no run.json)")
         note = {"wall_s": time.time(), "text": self.text}
         path = folder / NOTES_FILE
         new = not path.exists()
         try:
-            with path.open("a+b", buffering=0) as file:
+            with open_file(folder, NOTES_FILE, "a+b") as file:
                 end = file.seek(0, os.SEEK_END)
                 file.seek(max(end - 1, 0))
                 torn = file.read(1) not in (b"", b"\n")  # a writer died midway
                 line = json.dumps({**note, "sha256": _digest(note)})
                 data = b"\n" * torn + line.encode() + b"\n"
+                if end + len(data) > (limit := MAX_RUN_FILE_BYTES[path.suffix]):
+                    raise InputError(f"{path}: full: {limit >> 20} MiB of notes")
                 if file.write(data) != len(data):
                     raise RunFailed(f"{path}: cannot be written: the disk is full")
                 os.fsync(file.fileno())
@@ -68,7 +73,9 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """
     path = folder / NOTES_FILE
     with disk_errors(path, "read"):
-        raw_lines = path.read_bytes().splitlines() if path.exists() else []
+        has_notes = has_file(folder, NOTES_FILE)
+        raw_lines = read_file(folder, NOTES_FILE).splitlines() if has_notes else []
+    damaged = 0
     for number, line in enumerate(raw_lines, start=1):
         try:
             entry = parse_json(line.decode(), f"{path}:{number}")
@@ -77,6 +84,11 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
                 raise ValueError("differs from its hash")
             yield number, {**note, "hashed": "sha256" in entry}
         except (InputError, ValueError, KeyError, TypeError):
+            damaged += 1
+            if damaged > MAX_DAMAGED_NOTES:
+                raise UnsafeFile(
+                    f"{path}: more than {MAX_DAMAGED_NOTES} lines are no notes"
+                ) from None
             yield number, None
 
 

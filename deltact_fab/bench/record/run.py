@@ -26,8 +26,9 @@ from deltact_fab.sensor import (
 from ..protocols.plan import DeadWeights
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
-from .images import decode
-from .journal import is_claimed, schema_faults
+from .folder import UnsafeFile, check_folder, has_file, read_file
+from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
+from .journal import is_claimed, journal_errors, open_journal, schema_faults
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 _STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
+MAX_VIEW_RATIO = 10  # pixels of a view by those of its raw image; by hand: ours have 0.5
 _SKEW_KEYS = ("pose_skew_s", "force_skew_s")
 _LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
@@ -47,7 +49,8 @@ class Run:
     """Kind of the frames of an imported run; their indenter if unknown."""
 
     def __init__(self, folder: Path):
-        if not (folder / "run.json").is_file():
+        check_folder(folder)
+        if not has_file(folder, "run.json"):
             problem = "not a run folder (no run.json)" if folder.exists() else "no such folder"
             raise InputError(f"{folder}: {problem}")
         self.folder = folder
@@ -131,7 +134,21 @@ class Run:
             )
         if stored is None:
             raise InputError(f"{self.folder}: recorded without a camera")
-        return restore_camera(stored, f"{self.folder}/run.json: camera")
+        source = f"{self.folder}/run.json: camera"
+        camera = restore_camera(stored, source)
+        raw = getattr(camera, "lens", camera)
+        size_px = raw.width_px, raw.height_px
+        with self.reader() as db:
+            first = db.execute("SELECT file FROM frames WHERE file IS NOT NULL LIMIT 1").fetchone()
+        if first and has_file(self.folder, first[0]):
+            # Before maps of the camera's size are computed.
+            found_px = image_size_px(read_file(self.folder, first[0])) or size_px
+            if found_px != size_px:
+                raise InputError(f"{source}: {size_px} px, but {first[0]} has {found_px} px")
+        if camera.width_px * camera.height_px > MAX_VIEW_RATIO * size_px[0] * size_px[1]:
+            view = f"{camera.width_px} x {camera.height_px} px"
+            raise InputError(f"{source}: view of {view}; at most {MAX_VIEW_RATIO} raw images")
+        return camera
 
     @property
     def weights(self) -> DeadWeights | None:
@@ -175,24 +192,30 @@ class Run:
     @cached_property
     def flat(self) -> FlatField | None:
         """Flat field of the rectified view, or None. Raises InputError if damaged."""
-        path, view = self.folder / FLAT_FILE, self.camera
-        if not path.is_file():
+        view = self.camera
+        if not has_file(self.folder, FLAT_FILE):
             return None
         assert isinstance(view, Rectified), "a flat field comes with a lens"
-        return FlatField.load(path, (view.lens.width_px, view.lens.height_px)).for_view(view)
+        source, size = str(self.folder / FLAT_FILE), (view.lens.width_px, view.lens.height_px)
+        data = read_file(self.folder, FLAT_FILE)
+        require_size(data, source)
+        return FlatField.from_png(data, source, size).for_view(view)
 
     def raw(self, file: str) -> NDArray[np.uint8]:
         """Raw camera frame (h, w, 3) BGR. Raises as `image` does."""
+        path, data = self.folder / file, self.data(file)
         try:
-            return decode(self.data(file), file)
+            if image_size_px(data) is None:
+                raise ValueError(NOT_AN_IMAGE)
+            return decode(data, str(path))
         except ValueError as error:
-            raise RunFailed(f"{self.folder / file}: {error}") from error
+            raise RunFailed(f"{path}: {error}") from error
 
     def data(self, file: str) -> bytes:
         """Bytes of a frame's file. Raises RunFailed if missing or damaged."""
         path = self.folder / file
         with disk_errors(path, "read"):
-            data = path.read_bytes()
+            data = read_file(self.folder, file)
         if hashlib.sha256(data).hexdigest() != self._hash_of(file):
             raise RunFailed(
                 f"{path}: damaged: its {len(data)} bytes do not match the hash in the journal"
@@ -202,7 +225,7 @@ class Run:
     @property
     def finished(self) -> bool:
         """True if the run ended; False while it is running or if it was interrupted."""
-        return (self.folder / "summary.json").is_file()
+        return has_file(self.folder, "summary.json")
 
     def indenter(self, name: str) -> Indenter:
         """Indenter by its name in this run; a lab's own shape as stored with the run."""
@@ -216,6 +239,8 @@ class Run:
             return {}
         try:
             return load_run_file(self.folder, "summary.json")
+        except UnsafeFile:
+            raise
         except InputError as error:
             raise RunFailed(str(error)) from error
 
@@ -234,11 +259,11 @@ class Run:
 
         Raises RunFailed if damaged.
         """
-        if not (self.folder / LATTICE_FILE).is_file():
+        if not has_file(self.folder, LATTICE_FILE):
             return None
         with self.reader() as db:
-            rows = db.execute("SELECT press FROM frames GROUP BY press ORDER BY min(seq)")
-            presses = [press for (press,) in rows]
+            query = "SELECT press, count(*) FROM frames GROUP BY press ORDER BY min(seq)"
+            presses = dict(db.execute(query).fetchall())
         channels = self.meta["protocol"]["channels"]
         return load_truth(self.folder, self.camera, presses, "traction" in channels)
 
@@ -349,10 +374,11 @@ class Run:
             for of_press, step_id, *stored in rows:
                 try:
                     yield of_press, step_id, unpack(*stored)
-                except ValueError as error:
-                    raise RunFailed(
-                        f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}: damaged samples"
-                    ) from error
+                except (ValueError, UnsafeFile) as error:
+                    place = f"{self.folder / 'journal.sqlite'}: {stream} of {step_id}"
+                    if isinstance(error, UnsafeFile):
+                        raise UnsafeFile(f"{place}: {error}") from error
+                    raise RunFailed(f"{place}: damaged samples") from error
 
     def _table(self, name: str, press: str | None = None) -> pd.DataFrame:
         import pandas as pd
@@ -369,17 +395,15 @@ class Run:
     @contextmanager
     def reader(self) -> Iterator[sqlite3.Connection]:
         """Open the journal read-only. Raises RunFailed if it cannot be read."""
-        path = self.folder / "journal.sqlite"
-        try:
-            uri = f"{path.absolute().as_uri()}?mode=ro"
-            with closing(sqlite3.connect(uri, uri=True)) as db:
-                if not self._sound:
-                    for line in schema_faults(db, self.format):
-                        raise sqlite3.DatabaseError(line)
-                    self._sound = True
-                yield db
-        except sqlite3.Error as error:
-            raise RunFailed(f"{path}: the journal cannot be read: {error}") from error
+        with (
+            journal_errors(self.folder, "the journal cannot be read"),
+            closing(open_journal(self.folder, "ro")) as db,
+        ):
+            if not self._sound:
+                for line in schema_faults(db, self.format):
+                    raise sqlite3.DatabaseError(line)
+                self._sound = True
+            yield db
 
 
 def open_run(folder: str | Path) -> Run:

@@ -18,7 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .folder import UnsafeFile
+
 TIME_KEY = "t_ns"
+MAX_CHUNK_BYTES = 128 << 20  # by hand: an hour of force at 1 kHz takes 119 MB
 DEFLATE_LEVEL = 1  # by hand: higher levels take 10 times as long for 1 % less size
 FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm")
@@ -64,19 +67,26 @@ def pack(chunk: Chunk) -> dict[str, Any]:
 
 
 def unpack(stream: str, origin_s: float, n: int, heads: str, data: bytes) -> Chunk:
-    """Unpack a chunk of n samples. Raises ValueError for damaged data."""
+    """Unpack a chunk of n samples. Raises ValueError if damaged, UnsafeFile if too large."""
     try:
-        raw = zlib.decompress(data)
+        columns_read = json.loads(heads)
+        kinds = [np.dtype(kind) for _, kind, _ in columns_read]
+        size = n * sum(kind.itemsize for kind in kinds)
+        if n < 0:
+            raise ValueError(f"{n} samples")
+        if size > MAX_CHUNK_BYTES:
+            raise UnsafeFile(f"unpacks to {size >> 20} MiB; at most {MAX_CHUNK_BYTES >> 20} MiB")
+        inflater = zlib.decompressobj()
+        raw = inflater.decompress(data, size + 1)
         columns: dict[str, Column] = {}
         per_unit, offset = {}, 0
-        for name, kind, unit in json.loads(heads):
-            dtype = np.dtype(kind)
+        for (name, _, unit), dtype in zip(columns_read, kinds, strict=True):
             part = np.frombuffer(raw, np.uint8, n * dtype.itemsize, offset)
             offset += part.size
             values = np.ascontiguousarray(part.reshape(dtype.itemsize, n).T).view(dtype)[:, 0]
             columns[name] = np.cumsum(values) if name == TIME_KEY else values
             per_unit[name] = unit
-        if offset != len(raw) or TIME_KEY not in columns:
+        if not inflater.eof or offset != len(raw) or TIME_KEY not in columns:
             raise ValueError("data length does not match its columns")
     except (zlib.error, TypeError, IndexError, RecursionError) as error:
         raise ValueError(str(error)) from error

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
-from collections.abc import Iterable, Iterator
+import zlib
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import InputError, RunFailed, read_json, validate
+from deltact_fab.common import InputError, RunFailed, validate
 from deltact_fab.sensor import (
     CameraModel,
     Fisheye,
@@ -23,8 +26,15 @@ from deltact_fab.sensor import (
     restore_camera,
 )
 
-from .files import TruthFiles
+from .files import LATTICE_FILE, LENS_FILE, TruthFiles, read_record
+from .folder import MAX_RUN_FILE_BYTES, UnsafeFile, has_file, open_file
 
+ARRAY_ERRORS = (
+    OSError, ValueError, KeyError, EOFError, RuntimeError, SyntaxError, TokenError, MemoryError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""Errors of numpy and zipfile for a damaged archive of arrays."""
+_MAX_DIRECTORY_BYTES = 1 << 16  # by hand: a directory of twenty arrays takes 1 kB
 TRUTH_ARRAYS = ("displacement_mm", "traction_mpa", "x_mm", "y_mm")
 
 
@@ -103,7 +113,7 @@ class RunTruth:
         path = TruthFiles(self.folder).press(press)
         if press not in cached:
             cached.clear()  # one press at a time: some ten megabytes
-            with _reading(path) as data:
+            with _reading(self.folder, path) as data:
                 cached[press] = {key: data[key] for key in data if key in TRUTH_ARRAYS}
         if name not in cached[press]:
             raise RunFailed(f"{path}: no {name}: the protocol has no channel 'traction'")
@@ -111,26 +121,33 @@ class RunTruth:
 
 
 def load_truth(
-    folder: Path, camera: CameraModel, presses: Iterable[str], tractions: bool = False
+    folder: Path, camera: CameraModel, presses: Mapping[str, int], tractions: bool = False
 ) -> RunTruth:
-    """Load the truth of the complete presses among these. Raises RunFailed if damaged."""
+    """Load the truth of the complete presses among these. Raises RunFailed if damaged.
+
+    presses: number of frames by name; a truth of more frames is of another press.
+    """
     files = TruthFiles(folder)
     index, lens_file = files.lattice, files.lens
     lens = None
     try:
-        lattice = validate(SurfaceLattice, read_json(index), str(index))
+        lattice = validate(SurfaceLattice, read_record(folder, LATTICE_FILE), str(index))
         if isinstance(camera, Rectified):
-            lens = restore_camera(read_json(lens_file), str(lens_file))
+            lens = restore_camera(read_record(folder, LENS_FILE), str(lens_file))
+    except UnsafeFile:
+        raise
     except InputError as error:
         raise RunFailed(str(error)) from error
     if not isinstance(lens, Fisheye | None):
         raise RunFailed(f"{lens_file}: model: not a lens of a virtual rig")
     frames: dict[str, tuple[str, int, int, float]] = {}
-    for press in presses:
+    for press, count in presses.items():
         path = files.press(press)
-        if not path.is_file():
+        if not has_file(folder, str(path.relative_to(folder))):
             continue
-        with _reading(path) as data:
+        with _reading(folder, path) as data:
+            if len(data["frame_id"]) > count:
+                raise ValueError(f"{len(data['frame_id'])} frames, {count} in the journal")
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
             for frame_id, (a, b), fraction in zip(*rows, strict=True):
                 frames[frame_id] = (press, a, b, fraction)
@@ -138,10 +155,37 @@ def load_truth(
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[Any]:
+def _reading(folder: Path, path: Path) -> Iterator[Any]:
     """Open an npz of the truth. Raises RunFailed naming it if missing or damaged."""
     try:
-        with np.load(path) as data:
+        with open_arrays(folder, str(path.relative_to(folder))) as data:
             yield data
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except ARRAY_ERRORS as error:
         raise RunFailed(f"{path}: the truth cannot be read: {error}") from error
+
+
+@contextmanager
+def open_arrays(folder: Path, name: str) -> Iterator[Any]:
+    """Open the arrays of an npz below a run folder, by their names; `zip`: the archive.
+
+    Raises UnsafeFile for one that unpacks to more than an npz may have, ARRAY_ERRORS if damaged.
+    """
+    with open_file(folder, name) as file:
+        # Before zipfile reads the directory: format .ZIP 4.3.16, without comment and not ZIP64.
+        head = file.read(4)
+        file.seek(-min(file.seek(0, os.SEEK_END), 42), os.SEEK_END)
+        tail = file.read()
+        size = int.from_bytes(tail[-10:-6], "little")
+        marks = head, tail[-22:-18], tail[:4] == b"PK\6\7"
+        if marks != (b"PK\3\4", b"PK\5\6", False) or size > _MAX_DIRECTORY_BYTES:
+            raise zipfile.BadZipFile("not an archive of arrays")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as data:
+            # zipfile unpacks no more than a member states, and knows methods that take more.
+            members, limit = data.zip.infolist(), MAX_RUN_FILE_BYTES[".npz"]
+            size = sum(member.file_size for member in members)
+            methods = {member.compress_type for member in members}
+            if size > limit or methods - {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+                text = f"unpacks to {size >> 20} MiB; must be at most {limit >> 20} MiB, deflated"
+                raise UnsafeFile(f"{folder / name}: {text}")
+            yield data

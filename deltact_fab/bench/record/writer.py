@@ -37,6 +37,7 @@ from .files import (
     metadata_files,
     written_files,
 )
+from .folder import read_file
 from .images import ImageFormat, encode
 from .journal import (
     JOURNAL_SCHEMA,
@@ -149,6 +150,8 @@ class RunWriter:
         form.require()
         writer = cls(folder, steps, form.suffix)
         try:
+            with run.reader():
+                pass  # a sound schema, and tables that end
             with journal_errors(folder):
                 for damage in hash_mismatches(run, writer._db):
                     raise RunFailed(f"{folder / damage.where}: {damage.text}; restore it")
@@ -276,7 +279,7 @@ class RunWriter:
             data = json_bytes(summary)
             with journal_errors(self.folder), disk_errors(self.folder):
                 names = metadata_files(self.folder, True)
-                contents = {name: (self.folder / name).read_bytes() for name in names}
+                contents = {name: read_file(self.folder, name) for name in names}
                 store_hashes(self._db, {**contents, "summary.json": data})
                 self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                 # A finished record must be readable in write-protected folders; an open reader

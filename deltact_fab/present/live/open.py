@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -106,7 +107,7 @@ def _open_named(name: str, file_model: SensorModel | None, design: str | None, s
         from .rig import rig_source
 
         return rig_source(rig, protocol, design, seed)
-    if (path / "run.json").is_file():
+    if os.path.lexists(path / "run.json"):
         return _open_run_images(path)
     if path.is_dir() or path.is_file():
         from deltact_fab.bench import open_images

@@ -110,6 +110,16 @@ class Pinhole(ScaledView):
 
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - read by catalog.validate
 
+    def __post_init__(self) -> None:
+        limits = {
+            "mm_per_px": (1e-4, 10.0), "width_px": (1, 20_000), "height_px": (1, 20_000),
+            "eye_distance_mm": (1e-3, math.inf),
+        }  # fmt: skip
+        for name, (low, high) in limits.items():
+            if not low <= getattr(self, name) <= high:
+                text = f"expected {low:g} to {high:g}, not {getattr(self, name):g}"
+                raise ValueError(f"{name}: {text}")
+
     @classmethod
     def from_sensor(cls, sensor: SensorDimensions) -> Pinhole:
         o = sensor.optics

@@ -102,13 +102,16 @@ class FlatField:
         return cls(np.maximum(smooth / top, np.float32(1 / MAX_FLAT_GAIN)))
 
     @classmethod
-    def load(cls, path: Path, size_px: tuple[int, int]) -> FlatField:
-        """Load a file of `to_png`, for images of (width, height). Raises InputError."""
+    def from_png(cls, data: bytes, source: str, size_px: tuple[int, int]) -> FlatField:
+        """Decode the bytes of `to_png`, for images of (width, height). Raises InputError."""
         import cv2
 
-        stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+        try:
+            stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:  # empty, or larger than OpenCV's limit
+            stored = None
         if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or not stored.min() > 0:
-            raise InputError(f"{path}: not a 16-bit flat field image")
+            raise InputError(f"{source}: not a 16-bit flat field image")
         share = (stored / FULL_16_BIT).astype(np.float32)
         return cls(np.asarray(cv2.resize(share, size_px, interpolation=cv2.INTER_LINEAR)))
 
@@ -121,8 +124,10 @@ class FlatField:
         table = tables["flat"]
         if not (isinstance(table, dict) and isinstance(table.get("file"), str)):
             raise InputError(f"{camera_file}: flat.file: missing; expected an image next to it")
+        path = camera_file.parent / table["file"]
         try:
-            return cls.load(camera_file.parent / table["file"], (lens.width_px, lens.height_px))
+            data = path.read_bytes() if path.is_file() else b""
+            return cls.from_png(data, str(path), (lens.width_px, lens.height_px))
         except InputError as error:
             raise InputError(f"{camera_file}: flat.file: {error}") from error
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from deltact_fab.common import Image, InputError, RunFailed, SensorError, disk_errors
 
+from ...record.folder import read_file
 from ...record.images import decode, prepare_jpeg
 from ..interface import Clock
 from .stream import FeedImage, LostImage
@@ -57,11 +58,16 @@ class ImageFolder:
     def load(file: Path) -> Image:
         """Read an image file (h, w, 3) BGR uint8. Raises RunFailed, also for a damaged image."""
         with disk_errors(file, "read"):
-            data = file.read_bytes()
+            data = _read_regular(file)
         try:
-            return decode(data, file.name)
+            return decode(data, str(file))
         except ValueError as error:
             raise RunFailed(f"{file}: {error}") from error
+
+
+def _read_regular(file: Path) -> bytes:
+    target = file.resolve()  # a folder that a user names may hold links
+    return read_file(target.parent, target.name)
 
 
 def _natural_key(path: Path) -> list[tuple[int, str]]:
@@ -87,7 +93,7 @@ class FollowedFolder(ImageFolder):
             incomplete = None
             for file in self._new_files(processed):
                 try:
-                    data = file.read_bytes()
+                    data = _read_regular(file)
                 except FileNotFoundError:  # renamed meanwhile: a temporary name
                     continue
                 if len(data) != size:
