@@ -45,9 +45,14 @@ def test_long_tip_leaves_the_gel() -> None:
     ("forces", "up_mm", "says"),
     [
         ([0.02], 2.0, "the tip was lifted by 2.00 mm, force 0.02 N"),
-        ([4.0, 1.0, 0.1], 4.0, "the tip was lifted by 4.00 mm, force 0.10 N"),
+        ([4.0, 1.0, 0.04], 4.0, "the tip was lifted by 4.00 mm, force 0.04 N"),
+        ([0.2, 0.19], 3.0, "the tip was lifted by 3.00 mm, force 0.19 N"),
         ([None], 2.0, "the tip was raised by 2.00 mm, contact unknown: no force reading"),
-        ([12.0] * 9, 5.0, "the tip may be in the gel: the force has not fallen, 12.0 N after 5.00"),
+        (
+            [12.0] * 9,
+            5.0,
+            "the tip may be in the gel: force 12.0 N, 5.00 mm higher, it has not fallen",
+        ),
         ([12.0 * 0.7**k for k in range(99)], None, "the tip was lifted by "),
     ],
 )
@@ -64,7 +69,9 @@ def test_lift_ends_at_top_of_travel() -> None:
     it = bench()
     move_to(it.stage, (0.0, 0.0, TOP_MM - 0.5), 600.0)
     outcome = end_contact(it.stage, lambda: 3.0)
-    assert outcome == ("the tip may be in the gel: 3.0 N, 0.50 mm higher, at the top of the travel")
+    assert outcome == (
+        "the tip may be in the gel: force 3.0 N, 0.50 mm higher, at the top of the travel"
+    )
     it.stage.start_move((0.0, 0.0, 10.0), 600.0)
     it.clock.sleep_s(0.5)
     it.stage.abort()

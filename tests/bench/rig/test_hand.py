@@ -99,7 +99,7 @@ def test_guard_stops_lifts_and_continues(held: ExitStack) -> None:
     hand.drive("h", "4", "d", push(-6.0), "d", push(0.0), "x", "3", "d", "q")
     told = " ".join(hand.told)
     assert "over the guard's 5 N; lifting; q quits" in told
-    assert "the tip may be in the gel: the force has not fallen, 6.0 N after 5.00 mm up" in told
+    assert "the tip may be in the gel: force 6.0 N, 5.00 mm higher, it has not fallen" in told
     assert any("F +0.00 +0.00 +0.00 N" in line for line in hand.shown)
     z_mm = hand.stage.position_mm()[2]
     assert -1 < z_mm < 15, "one whole step down, a part of one, up by 5, down by 1"

@@ -5,6 +5,7 @@ A force ends a contact, not a height: a tip longer than declared touches above t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 
@@ -19,6 +20,7 @@ MIN_LIFT_MM = 2.0
 LIFT_STEP_MM = 1.0
 LETS_GO_MM = 5.0  # within these a contact with a gel has lost more than half of its force
 MEAN_FORCE_S = 0.05
+STEADY_N = 0.05  # a force below the threshold is none if it is less, or changes by less in a step
 NOT_LIFTED = (
     "the tip was NOT lifted and may be in the gel: switch the motors off and turn z up by hand"
 )
@@ -100,28 +102,24 @@ def _lift(
     stage: Stage, z_mm: float, felt_n: FeltForce, contact_n: float, to_mm: float | None
 ) -> str:
     step_mm = max(MIN_LIFT_MM, 0.0 if to_mm is None else to_mm - z_mm)
-    risen_mm, first_n = 0.0, None
+    risen_mm, forces_n = 0.0, [math.inf]
     while True:
         up_mm = stage.lift(step_mm, LIFT_FEED_MM_MIN)
         if up_mm is None:
             return NOT_LIFTED
-        risen_mm += up_mm
+        risen_mm, at_top = risen_mm + up_mm, up_mm < step_mm - 1e-3
         force_n = felt_n()
         if force_n is None:
             return f"the tip was raised by {risen_mm:.2f} mm, contact unknown: no force reading"
-        if force_n <= contact_n:
+        steady = force_n <= STEADY_N or forces_n[-1] - force_n <= STEADY_N
+        if force_n <= contact_n and (steady or at_top):
             return f"the tip was lifted by {risen_mm:.2f} mm, force {force_n:.2f} N"
-        first_n = first_n or force_n
-        if up_mm < step_mm - 1e-3:
-            return (
-                f"the tip may be in the gel: {force_n:.1f} N, {risen_mm:.2f} mm higher, at the top "
-                "of the travel"
-            )
-        if risen_mm >= LETS_GO_MM and force_n > first_n / 2:
-            return (
-                f"the tip may be in the gel: the force has not fallen, {force_n:.1f} N after "
-                f"{risen_mm:.2f} mm up, or the sensor drifts"
-            )
+        forces_n.append(force_n)
+        stays = risen_mm >= LETS_GO_MM and force_n > forces_n[1] / 2
+        if at_top or stays:
+            reason = "at the top of the travel" if at_top else "it has not fallen, or drifts"
+            text = f"force {force_n:.1f} N, {risen_mm:.2f} mm higher, {reason}"
+            return f"the tip may be in the gel: {text}"
         step_mm = LIFT_STEP_MM
 
 
