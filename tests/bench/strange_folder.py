@@ -2,41 +2,42 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
 import re
 import shutil
 import signal
-import socket
 import sqlite3
+import stat
 import struct
 import sys
 import zipfile
 import zlib
 from collections.abc import Callable
 from contextlib import closing
+from functools import reduce
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deltact_fab.bench.record.images import encode_png
+
 sys.path.insert(0, str(Path(__file__).parents[1]))  # as a program too
 from called import called
 
 Attack = Callable[[Path, Path], object]
-"""Spoils a run; the second folder is a victim's."""
+"""Spoils a run, or makes a file at a path; the second folder is a victim's."""
 
 
-def first(run: Path, pattern: str) -> Path:
-    return sorted(run.glob(pattern))[0]
-
-
-def replaced(name: str, make: Callable[[Path, Path], object]) -> Attack:
-    """One file or folder, by its pattern, taken for another."""
+def replaced(name: str, make: Attack) -> Attack:
+    """One file or folder, the first of its pattern, taken for another."""
 
     def attack(run: Path, victim: Path) -> None:
-        path = first(run, name) if "*" in name else run / name
+        path = min(run.glob(name)) if "*" in name else run / name
         if path.is_dir():
             shutil.rmtree(path)
         path.unlink(missing_ok=True)
@@ -46,31 +47,12 @@ def replaced(name: str, make: Callable[[Path, Path], object]) -> Attack:
     return attack
 
 
-def link_to_zero(path: Path, victim: Path) -> None:
-    path.symlink_to("/dev/zero")
-
-
 def link_to_victim(path: Path, victim: Path) -> None:
     path.symlink_to(victim / ("" if path.suffix == "" else "a.png"))
 
 
-def pipe(path: Path, victim: Path) -> None:
-    os.mkfifo(path)
-
-
-def bound(path: Path, victim: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as sock:
-        at = os.open(path.parent, os.O_RDONLY)
-        sock.bind(f"/proc/self/fd/{at}/{path.name}")
-        os.close(at)
-
-
-def folder(path: Path, victim: Path) -> None:
-    path.mkdir()
-
-
-def content(data: Callable[[], bytes]) -> Callable[[Path, Path], object]:
-    return lambda path, victim: path.write_bytes(data())
+def run_file(data: Callable[[], bytes]) -> Attack:
+    return lambda run, victim: (run / "run.json").write_bytes(data())
 
 
 def edited(*keys: str, to: Any) -> Attack:
@@ -78,12 +60,8 @@ def edited(*keys: str, to: Any) -> Attack:
 
     def attack(run: Path, victim: Path) -> None:
         data = json.loads((run / "run.json").read_text())
-        table = data
-        for key in keys[:-1]:
-            table = table[key]
-        table[keys[-1]] = to
-        text = json.dumps(data).replace('"1e999"', "1e999")
-        (run / "run.json").write_text(text)
+        reduce(dict.__getitem__, keys[:-1], data)[keys[-1]] = to
+        (run / "run.json").write_text(json.dumps(data).replace('"1e999"', "1e999"))
 
     return attack
 
@@ -98,67 +76,46 @@ def sql(*lines: str, args: tuple[object, ...] = ()) -> Attack:
 
 
 def png_of(w: int, h: int) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0))
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + head
-        + chunk(b"IDAT", zlib.compress(bytes(1000)))
-        + chunk(b"IEND", b"")
-    )
+    """A small image whose header tells another size."""
+    data = bytearray(encode_png(np.zeros((8, 8, 3), np.uint8)))
+    data[16:24] = struct.pack(">II", w, h)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    return bytes(data)
 
 
-def false_image(data: Callable[[], bytes]) -> Attack:
-    """Bytes in place of the first image, and their hash."""
-
-    def attack(run: Path, victim: Path) -> None:
-        import hashlib
-
-        path = first(run, "images/*.png")
-        path.write_bytes(data())
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        sql("UPDATE frames SET sha256 = ? WHERE file LIKE ?", args=(digest, f"%{path.name}"))(
-            run, victim
-        )
-
-    return attack
+def large_image(run: Path, victim: Path) -> None:
+    """In place of the first image, with its hash."""
+    path, data = min(run.glob("images/*.png")), png_of(60_000, 60_000)
+    path.write_bytes(data)
+    args = hashlib.sha256(data).hexdigest(), f"%{path.name}"
+    sql("UPDATE frames SET sha256 = ? WHERE file LIKE ?", args=args)(run, victim)
 
 
-def false_truth(arrays: Callable[[dict[str, Any]], dict[str, bytes]]) -> Attack:
-    """Members in place of those of the first truth, deflated."""
+def false_truth(name: str, n: int, n_bytes: int) -> Attack:
+    """An array of n numbers and so many bytes in the first truth, deflated."""
 
     def attack(run: Path, victim: Path) -> None:
-        path = first(run, "truth/*.npz")
+        path, array = min(run.glob("truth/*.npz")), io.BytesIO()
+        head = {"descr": "<f4", "fortran_order": False, "shape": (n,)}
+        np.lib.format.write_array_header_1_0(array, head)
         with zipfile.ZipFile(path) as packed:
             members = {name: packed.read(name) for name in packed.namelist()}
+        members[name] = array.getvalue() + bytes(n_bytes)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
-            for name, data in arrays(members).items():
-                packed.writestr(name, data)
+            for member, data in members.items():
+                packed.writestr(member, data)
 
     return attack
-
-
-def npy(shape: tuple[int, ...], data: bytes) -> bytes:
-    out = io.BytesIO()
-    head = {"descr": "<f4", "fortran_order": False, "shape": shape}
-    np.lib.format.write_array_header_1_0(out, head)
-    return out.getvalue() + data
 
 
 def large_chunk(run: Path, victim: Path) -> None:
-    n = 60_000_000
     heads = json.dumps([["t_ns", "<i8", 1.0], ["fx_n", "<f8", 1.0]])
-    deflate = zlib.compressobj(9)
-    zeros = bytes(16 << 20)
+    deflate, zeros = zlib.compressobj(9), bytes(16 << 20)
     data = b"".join(deflate.compress(zeros) for _ in range(60)) + deflate.flush()
     sql(
-        "UPDATE samples SET n = ?, columns = ?, data = ? WHERE rowid IN "
+        "UPDATE samples SET n = 60000000, columns = ?, data = ? WHERE rowid IN "
         "(SELECT rowid FROM samples WHERE stream = 'force' ORDER BY seq LIMIT 1)",
-        args=(n, heads, data),
+        args=(heads, data),
     )(run, victim)
 
 
@@ -169,24 +126,18 @@ def endless_table(run: Path, victim: Path) -> None:
         db.execute("PRAGMA journal_mode=DELETE")
         root = db.execute("SELECT rootpage FROM sqlite_master WHERE name = 'events'").fetchone()[0]
         size = db.execute("PRAGMA page_size").fetchone()[0]
-    data = bytearray(path.read_bytes())
-    leaf = data[(root - 1) * size : root * size]
-    count = len(data) // size
-    levels = [count + k + 1 for k in range(9)]
-    data += bytes(size * 9)
+    data = path.read_bytes()
+    pages = [data[k : k + size] for k in range(0, len(data), size)]
+    levels = [root, *range(len(pages) + 1, len(pages) + 10)]
     # The old root becomes the lowest of the new pages; each above has 100 times the one below.
-    data[(levels[-1] - 1) * size : levels[-1] * size] = leaf
-    for page, below in zip([root, *levels[:-1]], levels, strict=True):
-        cells = [struct.pack(">I", below) + b"\x01"] * 100
-        body = bytearray(size)
-        body[:12] = struct.pack(">BHHHBI", 5, 0, len(cells), size - 5 * len(cells), 0, below)
-        for k, cell in enumerate(cells):
-            at = size - 5 * (k + 1)
-            body[at : at + 5] = cell
-            body[12 + 2 * k : 14 + 2 * k] = struct.pack(">H", at)
-        data[(page - 1) * size : page * size] = body
-    data[28:32] = struct.pack(">I", len(data) // size)
-    path.write_bytes(data)
+    pages += [pages[root - 1]] * 9
+    for page, below in pairwise(levels):
+        head = struct.pack(">BHHHBI", 5, 0, 100, size - 500, 0, below)
+        head += struct.pack(">100H", *range(size - 5, size - 501, -5))
+        cells = (struct.pack(">I", below) + b"\x01") * 100
+        pages[page - 1] = head.ljust(size - 500, b"\0") + cells
+    pages[0] = pages[0][:28] + struct.pack(">I", len(pages)) + pages[0][32:]
+    path.write_bytes(b"".join(pages))
 
 
 def named_by_rollback(run: Path, victim: Path) -> None:
@@ -204,24 +155,23 @@ FILES = (
     "journal.sqlite-wal", "camera.flat.png", "images", "truth", "analysis", "images/*.png",
     "truth/*.npz", "truth/lattice.json", "analysis/tracking.json", "analysis/depth.toml",
 )  # fmt: skip
-CASES: dict[str, Attack] = {
-    f"{name} {kind}": replaced(name, make)
-    for kind, make in {"/dev/zero": link_to_zero, "victim": link_to_victim, "FIFO": pipe}.items()
-    for name in FILES
+SOME = ("run.json", "journal.sqlite", "images/*.png", "notes.jsonl")
+KINDS: dict[str, tuple[tuple[str, ...], Attack]] = {
+    "/dev/zero": (FILES, lambda path, victim: path.symlink_to("/dev/zero")),
+    "victim": (FILES, link_to_victim),
+    "FIFO": (FILES, lambda path, victim: os.mkfifo(path)),
+    "socket": (SOME, lambda path, victim: os.mknod(path, stat.S_IFSOCK | 0o600)),
+    "folder": (SOME, lambda path, victim: path.mkdir()),
 }
-for _name in ("run.json", "journal.sqlite", "images/*.png", "notes.jsonl"):
-    CASES |= {f"{_name} socket": replaced(_name, bound), f"{_name} folder": replaced(_name, folder)}
-CASES |= {
-    "run.json large": replaced("run.json", content(lambda: b'{"a": "' + bytes(60 << 20) + b'"}')),
-    "run.json many": replaced("run.json", content(lambda: b'{"a":[' + b"{}," * 2**21 + b"{}]}")),
-    "run.json flat": replaced(
-        "run.json", content(lambda: b'{"format":6,"a":[' + b"1," * (7 << 19) + b"1]}")
-    ),
+CASES: dict[str, Attack] = {
+    f"{file} {kind}": replaced(file, make) for kind, (files, make) in KINDS.items() for file in files
+} | {
+    "run.json large": run_file(lambda: b'{"a": "' + bytes(60 << 20) + b'"}'),
+    "run.json many": run_file(lambda: b'{"a":[' + b"{}," * 2**21 + b"{}]}"),
+    "run.json flat": run_file(lambda: b'{"format":6,"a":[' + b"1," * (7 << 19) + b"1]}"),
     "run.json faults": edited("versions", to={f"k{n}": n for n in range(300_000)}),
-    "run.json nested": replaced(
-        "run.json", content(lambda: b'{"a":' * 10_000 + b"1" + b"}" * 10_000)
-    ),
-    "notes large": replaced("notes.jsonl", content(lambda: b"{}\n" * (1 << 20))),
+    "run.json nested": run_file(lambda: b'{"a":' * 10_000 + b"1" + b"}" * 10_000),
+    "notes large": lambda run, victim: (run / "notes.jsonl").write_bytes(b"{}\n" * (1 << 20)),
     "camera wide": edited("camera", "width_px", to=200_000),
     "camera 10^8 px": edited("camera", to={
         "model": "pinhole", "mm_per_px": 0.1, "width_px": 10_000, "height_px": 10_000,
@@ -230,13 +180,11 @@ CASES |= {
     **{f"mm_per_px {value}": edited("camera", "mm_per_px", to=value)
        for value in (float("nan"), float("inf"), "1e999", 0, -0.1)},
     "optics nan": edited("sensor", "optics", "mm_per_px", to=float("nan")),
-    "png 60000": false_image(lambda: png_of(60_000, 60_000)),
+    "png 60000": large_image,
     "image outside": sql("UPDATE frames SET file = '../victim/a.png'"),
     "image absolute": sql("UPDATE frames SET file = '/dev/zero'"),
-    "truth unpacks": false_truth(
-        lambda m: {**m, "zone_map.npy": npy((700 << 18,), bytes(700 << 20))}
-    ),
-    "truth shape": false_truth(lambda m: {**m, "displacement_mm.npy": npy((1 << 33,), b"")}),
+    "truth unpacks": false_truth("zone_map.npy", 700 << 18, 700 << 20),
+    "truth shape": false_truth("displacement_mm.npy", 1 << 33, 0),
     "chunk unpacks": large_chunk,
     "trigger": sql(
         "CREATE TRIGGER endless BEFORE INSERT ON events BEGIN SELECT count(*) FROM "
@@ -271,22 +219,19 @@ class Hung(BaseException):
     """Not an Exception, so that no command takes it for its own."""
 
 
+def ring(*_: object) -> None:
+    raise Hung
+
+
 def outcome(words: tuple[str, ...], run: Path, out: Path) -> tuple[int, str]:
-    """Code and words of a command on a run; -1 when it takes more than LIMIT_S."""
-
-    def ring(*_: object) -> None:
-        raise Hung
-
-    before = signal.signal(signal.SIGALRM, ring)
+    """Code and words of a command on a run; Hung when it takes more than LIMIT_S."""
+    signal.signal(signal.SIGALRM, ring)
     signal.alarm(LIMIT_S)
     try:
         done = called(*(w.replace("RUN", str(run)).replace("OUT", str(out)) for w in words))
-        return done.returncode, done.stderr or done.stdout
-    except Hung:
-        return -1, "hung"
     finally:
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+    return done.returncode, done.stderr or done.stdout
 
 
 def spoiled(run: Path, home: Path, case: str) -> tuple[Path, Path]:
@@ -306,17 +251,12 @@ def whole(victim: Path) -> bool:
     return len(found) == 5 and set(found.values()) == {b"precious"}
 
 
-def main(*homes: str) -> None:
-    """All commands on spoiled runs, a line each: case, command, code, words, MB."""
-    for home in map(Path, homes):
+if __name__ == "__main__":  # all commands on spoiled runs: case, command, code, words, MB
+    for home in map(Path, sys.argv[1:]):
         for k, words in enumerate(COMMANDS):
             if words[0] in ("report", "analyze") and home.name.startswith(LATE):
                 continue
             code, text = outcome(words, home / "run", home / f"out{k}")
-            status = Path("/proc/self/status").read_text()
-            peak_mb = int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) // 1024
-            print(json.dumps([home.name, " ".join(words[:2]), code, text, peak_mb]), flush=True)
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+            peak_kb = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[0]
+            row = [home.name, " ".join(words[:2]), code, text, int(peak_kb) // 1024]
+            print(json.dumps(row), flush=True)
