@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .record.check import check_run
     from .record.conditions import require_same_conditions
     from .record.export import export_run
-    from .record.files import TruthFiles
+    from .record.files import truth_file
     from .record.images import ImageFormat, encode_png
     from .record.importing import import_recording
     from .record.journal import read_press_rows

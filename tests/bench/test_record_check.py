@@ -16,7 +16,7 @@ from rig_text import VIRTUAL_STAGE
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.record.check import check_run
-from deltact_fab.bench.record.files import LATTICE_FILE, TruthFiles
+from deltact_fab.bench.record.files import LATTICE_FILE, truth_file
 from deltact_fab.bench.record.journal import CLOCK_COLUMNS, claim
 from deltact_fab.bench.record.notes import RunNote
 from deltact_fab.bench.record.run import open_run
@@ -96,7 +96,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str, str, str]] = {
                          f"WHERE stream = 'force' AND step_id = '{PRESS}/rest'"),
         "damaged", PRESS, f"force of {PRESS}/rest",
     ),
-    "truth gone": (lambda r: TruthFiles(r).press(PRESS).unlink(), "damaged", PRESS, "missing"),
+    "truth gone": (lambda r: (r / truth_file(PRESS)).unlink(), "damaged", PRESS, "missing"),
     "frame gone": (
         lambda r: sql(r, f"DELETE FROM frames WHERE frame_id = '{PRESS}/rest#001'"),
         "missing", PRESS, "rest#001",

@@ -18,7 +18,7 @@ import pytest
 from called import called
 from short_run import ShortRun
 
-from deltact_fab.bench.record.files import TruthFiles
+from deltact_fab.bench.record.files import truth_file
 from deltact_fab.bench.record.journal import CLOCK_COLUMNS, PRESS_TABLES
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.bench.record.writer import RunWriter
@@ -118,7 +118,7 @@ def test_damaged_press_is_repeated_in_place(tiny: ShortRun, tmp_path: Path) -> N
     out = tiny.unfinished(tmp_path / "r", "sphere-8/p2")
     image = sorted((out / "images").glob("sphere-6_p2_*"))[2]
     image.write_bytes(image.read_bytes()[:-40])
-    truth = TruthFiles(out).press("sphere-8/p1")
+    truth = out / truth_file("sphere-8/p1")
     data = bytearray(truth.read_bytes())
     data[len(data) // 2] ^= 1
     truth.write_bytes(bytes(data))

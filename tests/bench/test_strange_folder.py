@@ -25,7 +25,7 @@ from strange_folder import (
     replaced,
     spoiled,
     whole,
-)  # fmt: skip
+)
 
 from deltact_fab.bench.record import journal
 from deltact_fab.bench.record.check import check_run

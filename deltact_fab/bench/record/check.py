@@ -13,7 +13,15 @@ from deltact_fab.common import InputError, Progress, RunFailed, read_toml, valid
 
 from ..protocols.plan import Protocol, Step, expand_protocol
 from . import notes
-from .files import UNHASHED_FORMAT, TruthFiles, frame_id_of, metadata_files, written_files
+from .files import (
+    LATTICE_FILE,
+    LENS_FILE,
+    UNHASHED_FORMAT,
+    frame_id_of,
+    metadata_files,
+    truth_file,
+    written_files,
+)
 from .folder import check_folder, has_file, read_file
 from .journal import is_claimed
 from .run import Run
@@ -298,11 +306,8 @@ def _press_damage(run: Run, press: str, frames: Mapping[str, FileAndHash]) -> It
 
 
 def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
-    files = TruthFiles(run.folder)
-    lens = [files.lens] * ((run.meta["camera"] or {}).get("model") == "rectified")
-    needed = [files.lattice, *lens, files.press(press)]
-    for path in needed:
-        name = str(path.relative_to(run.folder))
+    lens = [LENS_FILE] * ((run.meta["camera"] or {}).get("model") == "rectified")
+    for name in (LATTICE_FILE, *lens, truth_file(press)):
         if not has_file(run.folder, name):
             yield f"{name}: truth missing"
             return
@@ -318,7 +323,7 @@ def _truth_damage(run: Run, press: str, frame_ids: list[str]) -> Iterator[str]:
 
 def _stray_files(run: Run, row_files: Iterable[str], plan: Iterable[str]) -> Iterator[Damage]:
     expected = {run.folder / file for file in row_files}
-    expected |= {TruthFiles(run.folder).press(press) for press in plan}
+    expected |= {run.folder / truth_file(press) for press in plan}
     for path in sorted(written_files(run.folder)):
         if path not in expected:
             yield Damage("extra", str(path.relative_to(run.folder)), "not listed in the journal")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +25,7 @@ IMPORTED_MARK, UNKNOWN_SENSOR = "imported", "unknown"
 """Mark of an imported run, in run.json and pattern.json; kind of its frames, and their indenter
 if unknown."""
 LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
+"""Lattice of the true displacements, and the lens of the rendering; the calibrated one differs."""
 FLAT_FILE = "camera.flat.png"
 """Flat field of a calibrated camera, if it has one."""
 NOTES_FILE = "notes.jsonl"
@@ -42,33 +42,17 @@ def image_file(frame_id: str, suffix: str = "png") -> str:
     return f"images/{frame_id.replace('/', '_').replace('#', '_')}.{suffix}"
 
 
-@dataclass(frozen=True)
-class TruthFiles:
-    """Paths of a virtual rig's truth. folder: the run folder."""
+def truth_file(name: str, suffix: str = "npz") -> str:
+    """Path of the truth of a press, an npz, within the run folder of a virtual rig.
 
-    folder: Path
-
-    @property
-    def lattice(self) -> Path:
-        """Lattice on which displacements are stored."""
-        return self.folder / LATTICE_FILE
-
-    @property
-    def lens(self) -> Path:
-        """True lens, through which the rig renders; the calibrated one differs."""
-        return self.folder / LENS_FILE
-
-    def press(self, name: str) -> Path:
-        """Truth of one press, an npz.
-
-        displacement_mm (n, ny, nx, 3): at each solved knot; per frame in order of capture:
-        frame_id, knots (m, 2) around it, fraction (m,) between them. Older runs have no more. Per
-        knot: contact_area_mm2 and stick_area_mm2 (n,) seen along z in the deformed state, errors of
-        both, centroid_mm (n, 2) of the contact in the sensor frame (without contact: the tip's
-        x, y); zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the resting nodes
-        x_mm, y_mm of the face. Without friction all contact slips.
-        """
-        return self.folder / "truth" / f"{name.replace('/', '_')}.npz"
+    displacement_mm (n, ny, nx, 3): at each solved knot; per frame in order of capture: frame_id,
+    knots (m, 2) around it, fraction (m,) between them. Older runs have no more. Per knot:
+    contact_area_mm2 and stick_area_mm2 (n,) seen along z in the deformed state, errors of both,
+    centroid_mm (n, 2) of the contact in the sensor frame (without contact: the tip's x, y);
+    zone_map (n, ny, nx) uint8, 0 apart, 1 slipping, 2 sticking, at the resting nodes x_mm, y_mm of
+    the face. Without friction all contact slips.
+    """
+    return f"truth/{name.replace('/', '_')}.{suffix}"
 
 
 def metadata_files(folder: Path, at_the_end: bool) -> list[str]:

@@ -72,18 +72,10 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
     """Encode (h, w, 3) BGR as PNG bytes, tuned for noisy frames (fast filter, Huffman only)."""
     import cv2
 
-    success, data = cv2.imencode(
-        ".png",
-        image,
-        [
-            cv2.IMWRITE_PNG_COMPRESSION,
-            1,
-            cv2.IMWRITE_PNG_STRATEGY,
-            cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
-            cv2.IMWRITE_PNG_FILTER,
-            cv2.IMWRITE_PNG_FILTER_AVG,
-        ],
-    )
+    settings = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    settings += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+    settings += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
+    success, data = cv2.imencode(".png", image, settings)
     if not success:
         raise RunFailed("PNG encoding failed")
     return bytes(data)
@@ -98,7 +90,6 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
     import cv2
 
     require_size(data, name)
-
     if PurePath(name).suffix.lower() == ".jxl":
         codecs = _imagecodecs()
         try:
@@ -111,8 +102,7 @@ def decode(data: bytes, name: str) -> NDArray[np.uint8]:
     if data.startswith(JPEG_START):
         from .jpeg import IMAGE_END, find_damage
 
-        damage = find_damage(data)
-        if damage is not None:
+        if damage := find_damage(data):
             raise ValueError(f"damaged JPEG: {damage}")
         data += IMAGE_END  # OpenCV requires one
     try:
@@ -149,8 +139,7 @@ def image_size_px(data: bytes) -> tuple[int, int] | None:
 
     def take(n: int) -> int:
         nonlocal bits
-        value = bits & (1 << n) - 1
-        bits >>= n
+        value, bits = bits & (1 << n) - 1, bits >> n
         return value
 
     by_eight = take(1)

@@ -28,11 +28,8 @@ NEXT_SEGMENT = re.compile(rb"\xff+([\xc0-\xcf\xda-\xfe])(..)", re.DOTALL)
 RESTART_MARKER = re.compile(rb"\xff([\xd0-\xd7])")
 NEXT_MARKER = re.compile(rb"\xff[^\0\xd0-\xd7\xff]")
 CODE_TABLES, SCAN_HEADER, STEP_TABLES, RESTART_INTERVAL = 0xC4, 0xDA, 0xDB, 0xDD
-IMAGE_START, IMAGE_END, SEVERAL_IMAGES = (
-    b"\xff\xd8\xff",
-    b"\xff\xd9",
-    b"MPF\0",
-)  # the last: CIPA DC-007
+IMAGE_START, IMAGE_END = b"\xff\xd8\xff", b"\xff\xd9"
+SEVERAL_IMAGES = b"MPF\0"  # format CIPA DC-007
 
 Codes = NDArray[np.uint16]
 Numbers = NDArray[np.int64]

@@ -46,7 +46,7 @@ class RunNote:
         note = {"wall_s": time.time(), "text": self.text}
         path = folder / NOTES_FILE
         new = not path.exists()
-        try:
+        with disk_errors(path):
             with open_file(folder, NOTES_FILE, "a+b") as file:
                 end = file.seek(0, os.SEEK_END)
                 file.seek(max(end - 1, 0))
@@ -60,8 +60,6 @@ class RunNote:
                 os.fsync(file.fileno())
             if new:
                 sync_folder(folder)
-        except OSError as error:
-            raise RunFailed(f"{path}: cannot be written: {error.strerror}") from error
         return note
 
 
@@ -86,9 +84,8 @@ def read_notes(folder: Path) -> Iterator[tuple[int, dict[str, Any] | None]]:
         except (InputError, ValueError, KeyError, TypeError):
             damaged += 1
             if damaged > MAX_DAMAGED_NOTES:
-                raise UnsafeFile(
-                    f"{path}: more than {MAX_DAMAGED_NOTES} lines are no notes"
-                ) from None
+                text = f"more than {MAX_DAMAGED_NOTES} lines are no notes"
+                raise UnsafeFile(f"{path}: {text}") from None
             yield number, None
 
 

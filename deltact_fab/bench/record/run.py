@@ -127,13 +127,10 @@ class Run:
     def camera(self) -> CameraModel:
         """Camera model of the tracked images. Raises InputError without a camera."""
         stored = self.meta["camera"]
-        if stored is None and self.imported:
-            raise InputError(
-                f"{self.folder}: imported without a camera; set `camera` and `design` in the "
-                "recording file and import it again"
-            )
         if stored is None:
-            raise InputError(f"{self.folder}: recorded without a camera")
+            text = "imported without a camera; set `camera` and `design` in the recording file and "
+            text = f"{text}import it again" if self.imported else "recorded without a camera"
+            raise InputError(f"{self.folder}: {text}")
         source = f"{self.folder}/run.json: camera"
         camera = restore_camera(stored, source)
         raw = getattr(camera, "lens", camera)

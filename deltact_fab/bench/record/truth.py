@@ -26,7 +26,7 @@ from deltact_fab.sensor import (
     restore_camera,
 )
 
-from .files import LATTICE_FILE, LENS_FILE, TruthFiles, read_record
+from .files import LATTICE_FILE, LENS_FILE, read_record, truth_file
 from .folder import MAX_RUN_FILE_BYTES, UnsafeFile, has_file, open_file
 
 ARRAY_ERRORS = (
@@ -110,13 +110,15 @@ class RunTruth:
     def _press_arrays(self, press: str, name: str) -> dict[str, NDArray[Any]]:
         """Arrays of a press; requires `name`."""
         cached: dict[str, dict[str, NDArray[Any]]] = self.__dict__.setdefault("held", {})
-        path = TruthFiles(self.folder).press(press)
+        file = truth_file(press)
         if press not in cached:
             cached.clear()  # one press at a time: some ten megabytes
-            with _reading(self.folder, path) as data:
+            with _reading(self.folder, file) as data:
                 cached[press] = {key: data[key] for key in data if key in TRUTH_ARRAYS}
         if name not in cached[press]:
-            raise RunFailed(f"{path}: no {name}: the protocol has no channel 'traction'")
+            raise RunFailed(
+                f"{self.folder / file}: no {name}: the protocol has no channel 'traction'"
+            )
         return cached[press]
 
 
@@ -127,9 +129,7 @@ def load_truth(
 
     presses: number of frames by name; a truth of more frames is of another press.
     """
-    files = TruthFiles(folder)
-    index, lens_file = files.lattice, files.lens
-    lens = None
+    index, lens_file, lens = folder / LATTICE_FILE, folder / LENS_FILE, None
     try:
         lattice = validate(SurfaceLattice, read_record(folder, LATTICE_FILE), str(index))
         if isinstance(camera, Rectified):
@@ -142,10 +142,9 @@ def load_truth(
         raise RunFailed(f"{lens_file}: model: not a lens of a virtual rig")
     frames: dict[str, tuple[str, int, int, float]] = {}
     for press, count in presses.items():
-        path = files.press(press)
-        if not has_file(folder, str(path.relative_to(folder))):
+        if not has_file(folder, truth_file(press)):
             continue
-        with _reading(folder, path) as data:
+        with _reading(folder, truth_file(press)) as data:
             if len(data["frame_id"]) > count:
                 raise ValueError(f"{len(data['frame_id'])} frames, {count} in the journal")
             rows = (data[name].tolist() for name in ("frame_id", "knots", "fraction"))
@@ -155,13 +154,13 @@ def load_truth(
 
 
 @contextmanager
-def _reading(folder: Path, path: Path) -> Iterator[Any]:
+def _reading(folder: Path, name: str) -> Iterator[Any]:
     """Open an npz of the truth. Raises RunFailed naming it if missing or damaged."""
     try:
-        with open_arrays(folder, str(path.relative_to(folder))) as data:
+        with open_arrays(folder, name) as data:
             yield data
     except ARRAY_ERRORS as error:
-        raise RunFailed(f"{path}: the truth cannot be read: {error}") from error
+        raise RunFailed(f"{folder / name}: the truth cannot be read: {error}") from error
 
 
 @contextmanager

@@ -30,11 +30,11 @@ from .check import RunVerdict, find_damage, hash_mismatches
 from .files import (
     FLAT_FILE,
     RUN_FORMAT,
-    TruthFiles,
     frame_id_of,
     image_file,
     json_bytes,
     metadata_files,
+    truth_file,
     written_files,
 )
 from .folder import read_file
@@ -323,7 +323,7 @@ class RunWriter:
             insert(self._db, "events", _log_row("session", text))
         files = self._db.execute("SELECT file FROM frames WHERE file IS NOT NULL")
         keep = {self.folder / file for (file,) in files}
-        keep |= {TruthFiles(self.folder).press(press) for press in self.kept_presses}
+        keep |= {self.folder / truth_file(press) for press in self.kept_presses}
         for path in written_files(self.folder):
             if path not in keep:
                 try:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import CameraFrame, Clock, TruthFiles, VirtualConfig
+from deltact_fab.bench import LATTICE_FILE, LENS_FILE, CameraFrame, Clock, VirtualConfig, truth_file
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
@@ -90,17 +90,16 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._frames), "one id per frame"
-        files = TruthFiles(self.folder)
-        path = files.press(self._stream)
+        path = self.folder / truth_file(self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise RunFailed(f"{path.parent}: cannot be created: {error.strerror}") from error
-        models: dict[Path, SurfaceLattice | Fisheye] = {files.lattice: self.lattice}
+        models: dict[str, SurfaceLattice | Fisheye] = {LATTICE_FILE: self.lattice}
         if self.lens is not None:
-            models[files.lens] = self.lens
+            models[LENS_FILE] = self.lens
         for file, model in models.items():
-            write_whole(file, (json.dumps(model.as_dict()) + "\n").encode())
+            write_whole(self.folder / file, (json.dumps(model.as_dict()) + "\n").encode())
         knots = self.scene.knots
         row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltact_fab.bench.record.files import TruthFiles
+from deltact_fab.bench.record.files import truth_file
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
@@ -64,7 +64,7 @@ def test_tractions_add_up_to_force(level: str, tmp_path: Path) -> None:
         measured = np.array([row.fx_n, row.fy_n, row.fz_n])
         assert np.linalg.norm(force - measured) < 1e-3 * np.linalg.norm(measured)
         assert (traction[..., 2] <= 1e-6).all()  # it is pressed, nowhere pulled
-    with np.load(TruthFiles(found.folder).press("sphere-12/p1")) as data:
+    with np.load(found.folder / truth_file("sphere-12/p1")) as data:
         zones, area, stick = data["zone_map"], data["contact_area_mm2"], data["stick_area_mm2"]
         middle, x_mm, y_mm = data["centroid_mm"], data["x_mm"], data["y_mm"]
     assert zones.dtype == np.uint8

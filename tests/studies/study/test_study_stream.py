@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from deltact_fab.bench.protocols import plan
-from deltact_fab.bench.record.files import TruthFiles
+from deltact_fab.bench.record.files import truth_file
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.bench.rig import config as rig_config
 from deltact_fab.bench.rig.config import VirtualConfig
@@ -43,7 +43,7 @@ def recipe(run: Run) -> PatternRecipe:
 @pytest.fixture(scope="module")
 def recorded(run: Run) -> list[FrameMoment]:
     """When the rig took its frames."""
-    with np.load(TruthFiles(run.folder).press(PRESS)) as held:
+    with np.load(run.folder / truth_file(PRESS)) as held:
         rows = zip(held["knots"].tolist(), held["fraction"].tolist(), strict=True)
         return [FrameMoment("", a, b, fraction) for (a, b), fraction in rows]
 
