@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import LATTICE_FILE, LENS_FILE, CameraFrame, Clock, VirtualConfig, truth_file
+from deltact_fab.bench import CameraFrame, Clock, VirtualConfig, truth_file
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
@@ -95,11 +95,14 @@ class VirtualCamera:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise RunFailed(f"{path.parent}: cannot be created: {error.strerror}") from error
-        models: dict[str, SurfaceLattice | Fisheye] = {LATTICE_FILE: self.lattice}
+        models: dict[str, SurfaceLattice | Fisheye] = {"lattice": self.lattice}
         if self.lens is not None:
-            models[LENS_FILE] = self.lens
-        for file, model in models.items():
-            write_whole(self.folder / file, (json.dumps(model.as_dict()) + "\n").encode())
+            models["lens"] = self.lens
+        for name, model in models.items():
+            write_whole(
+                self.folder / truth_file(name, "json"),
+                (json.dumps(model.as_dict()) + "\n").encode(),
+            )
         knots = self.scene.knots
         row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]

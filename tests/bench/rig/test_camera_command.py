@@ -9,7 +9,7 @@ import random
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -261,9 +261,9 @@ class Listed:
     name, stamps, check = "list", "driver", "nothing"
 
     def __init__(
-        self, arrivals: list[stream.FeedImage], pauses_s: Iterator[float] = itertools.repeat(0.0)
+        self, arrivals: list[stream.FeedImage], pauses_s: Iterable[float] = (0.0,) * 99
     ) -> None:
-        self._left, self._pauses_s = iter(arrivals), pauses_s
+        self._left, self._pauses_s = iter(arrivals), iter(pauses_s)
 
     def next(self, timeout_s: float) -> stream.FeedImage | None:
         time.sleep(next(self._pauses_s))
@@ -339,7 +339,7 @@ def test_lost_images_are_always_counted(seed: int) -> None:
         number = (number + draw.choice([1, 1, 1, 1, 2, 5])) % 2**32
     pauses_s = (draw.choice([0.0, 0.0, 5e-4]) for _ in itertools.count())
     camera = stream.StreamCamera(Listed(arrivals, pauses_s), WallClock())
-    frames = []
+    frames: list[CameraFrame] = []
     last_image = next(a for a in arrivals if np.array_equal(a.image, arrivals[-1].image))
     while not frames or not np.array_equal(frames[-1].image, last_image.image):
         frames.append(camera.capture())
