@@ -124,7 +124,7 @@ class ForceGuard:
         bad = (sizes > self._bounds).any(axis=1) | samples.saturated
         if bad.any():
             self._trip_on(samples, sizes, int(bad.argmax()))
-            self._hold_if_growing(float(sizes[-1, 6]))
+            self._hold_if_growing(sizes[-1, 6])
             self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
