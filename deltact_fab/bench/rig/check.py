@@ -240,12 +240,8 @@ def _box_rows(config: ForceConfig) -> Iterator[Check]:
             continue
         right = [round(value, 3) for value in rated]
         if np.allclose(declared, rated, rtol=RANGE_TOLERANCE):
-            yield _row(
-                "force",
-                key.replace("_", "-"),
-                "pass",
-                f"force.{key} = {right}, same as the transducer",
-            )
+            text = f"force.{key} = {right}, same as the transducer"
+            yield _row("force", key.replace("_", "-"), "pass", text)
         else:
             wrong = f"force.{key}: {list(declared)}; the transducer has {right}: use that"
             yield _row("force", key.replace("_", "-"), "fail", wrong)

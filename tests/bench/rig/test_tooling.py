@@ -231,7 +231,7 @@ def test_tilt_of_face_is_measured() -> None:
     asked = session.RegistrationRequest(
         ball, session.places_for(skin, ball), TOUCH, 1.0, "bench.toml"
     )
-    devices = session.GuardedStage(it.stage, it.force, it.guard)
+    devices = ForceProbe(it.stage, it.force, it.clock, it.guard)
     with typing("sphere:10"):
         found = session.register_face(devices, asked, TerminalOperator())
     assert found.tilt_deg == pytest.approx((0.8, -0.5), abs=0.02)

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.bench.rig.interface import move_to
+from deltact_fab.bench.rig.run.streams import ForceStream, PoseStream
 from deltact_fab.bench.rig.tables import TouchConfig
 from deltact_fab.bench.rig.tool.touch import FaceTouch, fit_contact, tool_change_s
 from deltact_fab.common.errors import SensorError
 from deltact_fab.sensor.shapes.indenter import parse_indenter
+from deltact_fab.simulate.virtual.clock import VirtualClock
 
 HOST_MM = 0.5 / 60 * 30 * 0.03  # at the feed of the approach, in the time that a host takes
 QUICK = TouchConfig(repeats=1)
@@ -201,3 +203,26 @@ def test_old_samples_stop_the_descent() -> None:
     it.force._link.receive = late  # type: ignore[method-assign]
     assert "the newest force sample is 0.30 s old, 0.05 s are allowed" in fails(it)
     assert it.lowest_mm() > -40.0
+
+
+def test_old_force_is_not_shown() -> None:
+    it = bench(homed=False, rate_hz=10.0)
+    it.force.start()
+    stream = ForceStream(it.force, None, lambda name, text: None)
+    stream.step()
+    assert stream.newest_n(it.clock.now_ns()) is not None
+    it.clock.sleep_s(0.14)
+    assert stream.newest_n(it.clock.now_ns()) is not None
+    it.clock.sleep_s(0.02)
+    assert stream.newest_n(it.clock.now_ns()) is None
+    stream.step()
+    assert stream.newest_n(it.clock.now_ns()) is not None
+
+
+def test_position_of_the_future_is_refused() -> None:
+    """Of a stage on another clock than its stream."""
+    it = bench()
+    late = VirtualClock(it.clock.now_s() - 0.3)
+    with pytest.raises(SensorError, match=r"position: a stamp 0\.30\d s later than its"):
+        PoseStream(it.stage, late).step()
+    PoseStream(it.stage, it.clock).step()

@@ -130,11 +130,9 @@ def wall_bench(
         stage = GrblStage(it.port, clock, StageFrame(ORIGIN_MM))
         held.callback(stage.close)
         net = NetFTConfig(
-            host="127.0.0.1",
-            rdt_port=server.rdt_port,
-            http_port=server.http_port,
+            host=server.host, rdt_port=server.rdt_port, http_port=server.http_port,
             silent_s=silent_s,
-        )
+        )  # fmt: skip
         # The box is in this process: on a busy machine it may be kept from running for a while.
         force = open_force(config.model_copy(update={"netft": net}), clock)
         held.callback(force.close)
@@ -150,18 +148,7 @@ def wall_bench(
             seeing.timeout_s = 3.0  # type: ignore[attr-defined] # the camera's process, too
         limits = GuardLimits.from_config(GuardConfig(force_n=guard_n), config)
         guard = ForceGuard(stage.cancel, limits, clock, behind_s)
-        yield WallBench(
-            folder,
-            it,
-            server,
-            Devices(
-                clock,
-                stage,
-                seeing,
-                force,
-                lambda name: None,
-                guard,
-                contact_n=1.0,
-                wall_clock=True,
-            ),
+        devices = Devices(
+            clock, stage, seeing, force, lambda name: None, guard, contact_n=1.0, wall_clock=True
         )
+        yield WallBench(folder, it, server, devices)

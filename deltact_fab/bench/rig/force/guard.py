@@ -124,7 +124,11 @@ class ForceGuard:
         bad = (sizes > self._bounds).any(axis=1) | samples.saturated
         if bad.any():
             self._trip_on(samples, sizes, int(bad.argmax()))
-            self._hold_if_growing(float(sizes[-1, 6]))
+            since_ns = self.clock.now_ns() - self.trip.byte_ns if self.trip is not None else 0
+            grows = since_ns > GROWTH_NS and sizes[-1, 6] > self._peak[6]
+            if grows and self.hold is not None and not self._held:  # the first byte was not heard
+                self.hold()
+                self._held = True
             self._peak = np.maximum(self._peak, sizes.max(axis=0))
         elif (
             self.trip is not None
@@ -199,15 +203,6 @@ class ForceGuard:
         else:
             reason = f"resultant force {sizes[k, 6]:.2f} N, over the guard's {self._bounds[6]:g} N"
         self.trip = Trip(reason, int(samples.t_ns[k]), self._byte_ns)
-
-    def _hold_if_growing(self, force_n: float) -> None:
-        """Write the other stop byte, once per trip, if the first one does not end the motion."""
-        if self._held or self.trip is None or self.hold is None:
-            return
-        since_ns = self.clock.now_ns() - self.trip.byte_ns
-        if since_ns > GROWTH_NS and force_n > self._peak[6]:
-            self.hold()
-            self._held = True
 
     def _write(self) -> None:
         """Write the stop byte, at most every BYTE_PERIOD_NS."""

@@ -11,6 +11,7 @@ import time
 import urllib.error
 import urllib.request
 import xml.etree.ElementTree as ET
+from collections import Counter
 from contextlib import suppress
 from select import select
 from typing import Any
@@ -40,7 +41,9 @@ SO_TIMESTAMPNS, SO_RXQ_OVFL = 35, 40
 TIMESPEC_FORMAT, OVERFLOW_FORMAT = struct.Struct("@ll"), struct.Struct("@I")
 # N and N mm per unit in the box's spelling; pounds and kilograms force by definition.
 NEWTONS_PER_UNIT = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605}
+NEWTONS_PER_UNIT |= {"kg": 9.80665, "kgf": 9.80665}
 NMM_PER_UNIT = {"Nmm": 1.0, "Nm": 1e3, "kNm": 1e6, "kgcm": 98.0665, "kgfcm": 98.0665}
+NMM_PER_UNIT |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 
 class RdtLink:
@@ -61,7 +64,7 @@ class RdtLink:
         self._first_records = np.empty(0, NetFTSensor.RECORD)  # read by `start`, not returned yet
         self._dropped = 0  # by the kernel, since the start
         self._empty_ns = 0  # when nothing was left to read
-        self._losses: dict[str, int] = {}
+        self._losses: Counter[str] = Counter()
 
     def settings(self) -> NetFTSettings:
         return self._settings
@@ -113,7 +116,7 @@ class RdtLink:
         return np.array(rows, NetFTSensor.RECORD)
 
     def pop_losses(self) -> dict[str, int]:
-        losses, self._losses = self._losses, {}
+        losses, self._losses = self._losses, Counter()
         return losses
 
     def close(self) -> None:
@@ -122,7 +125,8 @@ class RdtLink:
     def _restart(self) -> None:
         """Start anew; several records, as the earliest arrival fixes the times."""
         self.stop()
-        self._first_records, self._dropped, self._losses = np.empty(0, NetFTSensor.RECORD), 0, {}
+        self._first_records, self._dropped = np.empty(0, NetFTSensor.RECORD), 0
+        self._losses.clear()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         for option in (SO_TIMESTAMPNS, SO_RXQ_OVFL):
@@ -173,16 +177,13 @@ class RdtLink:
                 at_ns = min(stamp_ns, at_ns)
             elif kind == SO_RXQ_OVFL:
                 dropped = OVERFLOW_FORMAT.unpack(words[: OVERFLOW_FORMAT.size])[0]
-                self._count("overrun", dropped - self._dropped)
+                self._losses["overrun"] += dropped - self._dropped
                 self._dropped = dropped
         if len(data) == RDT_RECORD.size:
             number, ft, status, *counts = RDT_RECORD.unpack(data)
             rows.append((at_ns, number, ft, status, tuple(counts)))
         else:
-            self._count("garbage", 1)
-
-    def _count(self, name: str, n: int) -> None:
-        self._losses[name] = self._losses.get(name, 0) + n
+            self._losses["garbage"] += 1
 
     def _send(self, command: int) -> None:
         assert self._socket is not None
@@ -190,10 +191,6 @@ class RdtLink:
             self._socket.send(struct.pack(">HHI", RDT_HEADER, command, 0))
         except OSError as error:
             raise SensorError(f"{self._label}: {error}") from error
-
-
-NEWTONS_PER_UNIT |= {"kg": 9.80665, "kgf": 9.80665}
-NMM_PER_UNIT |= {"lbfin": 112.9848290276167, "lbfft": 1355.8179483314004}
 
 
 def fetch_settings(config: NetFTConfig) -> NetFTSettings:
@@ -256,10 +253,11 @@ def parse_settings(text: bytes, url: str) -> NetFTSettings:
         )
     newtons, newton_mm = scale("scfgfu", NEWTONS_PER_UNIT), scale("scfgtu", NMM_PER_UNIT)
     about = [("product", "prodname"), ("box_serial", "mfgdigsn"), ("firmware", "mfgdigver")]
-    ratings, range_n, range_nmm = _numbers(word("cfgmr")), None, None
-    if len(ratings) == 6:
-        range_n = (ratings[0] * newtons, ratings[1] * newtons, ratings[2] * newtons)
-        range_nmm = (ratings[3] * newton_mm, ratings[4] * newton_mm, ratings[5] * newton_mm)
+    range_n = range_nmm = None
+    with suppress(ValueError):
+        x, y, z, a, b, c = map(float, word("cfgmr").replace(",", ";").split(";"))
+        range_n = (x * newtons, y * newtons, z * newtons)
+        range_nmm = (a * newton_mm, b * newton_mm, c * newton_mm)
     return NetFTSettings(
         number("cfgcpf") / newtons,
         number("cfgcpt") / newton_mm,
@@ -269,10 +267,3 @@ def parse_settings(text: bytes, url: str) -> NetFTSettings:
         range_n,
         range_nmm,
     )
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.replace(",", ";").split(";")]
-    except ValueError:
-        return []

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import DeltactFabError, Field, InputError, Note, SensorError
+from deltact_fab.common import DeltactFabError, InputError, Note, SensorError
 
 from ..interface import (
     CONTACT_N,
@@ -228,44 +228,30 @@ class _StopLine:
     port: int | None = None
     commands: StopCommands | None = None
 
-    def cancel(self) -> None:
-        if self.commands is not None:
-            self._write(self.commands.cancel)
-
-    def hold(self) -> None:
-        if self.commands is not None:
-            self._write(self.commands.hold)
-
     def use(self, port: int | None, commands: StopCommands) -> None:
         if self.port is not None:
             os.close(self.port)
         self.port, self.commands = port, commands
 
-    def rests(self, meanwhile: Callable[[], None]) -> bool:
-        """Wait until the stage rests; False if it does not, or after a reset or an alarm.
+    def send(self, name: str) -> None:
+        """Write a command by its name; nothing without a port."""
+        with suppress(OSError):
+            if self.port is not None:
+                os.write(self.port, getattr(self.commands, name))
 
-        Only for a port that no program reads any more.
+    def ask(self, name: str, expected: bytes, watch: Callable[[], None], limit_s: float) -> bool:
+        """Send a command, until limit_s again; True if the last one is answered as expected.
+
+        False after a reset or an alarm. Only for a port that no program reads any more.
         """
-        assert self.commands is not None
-        return self._ask(self.commands.ask, self.commands.idle, meanwhile, ORPHAN_REST_S)
-
-    def lift(self, meanwhile: Callable[[], None]) -> bool:
-        """Begin one lift; False if it is refused."""
-        assert self.commands is not None
-        return self._ask(self.commands.lift, self.commands.accepted, meanwhile, 0.0)
-
-    def _ask(
-        self, request: bytes, expected: bytes, meanwhile: Callable[[], None], limit_s: float
-    ) -> bool:
-        """Write a request, until limit_s again, and wait for the expected answer to the last."""
         assert self.commands is not None
         pending = self._received()  # left by the program
         end_s = time.monotonic() + limit_s
         while True:
-            self._write(request)
+            self.send(name)
             answer_s, answer = time.monotonic() + ORPHAN_ANSWER_S, b""
             while expected not in answer and time.monotonic() < answer_s:
-                meanwhile()
+                watch()
                 answer += self._received()
             if any(text in pending + answer for text in self.commands.lost):
                 return False
@@ -276,16 +262,10 @@ class _StopLine:
         data = b""
         with suppress(OSError):
             while self.port is not None and select.select([self.port], [], [], 0)[0]:
-                part = os.read(self.port, 4096)
-                if not part:
+                if not (part := os.read(self.port, 4096)):
                     break
                 data += part
         return data
-
-    def _write(self, data: bytes) -> None:
-        with suppress(OSError):
-            if self.port is not None:
-                os.write(self.port, data)
 
 
 class _Server:
@@ -329,7 +309,7 @@ class _Server:
             pass
         finally:
             if not closed:
-                self._stop_line.cancel()
+                self._stop_line.send("cancel")
                 if self._pressing and self._guard is not None:
                     self._lift_orphan(self._guard)
             if self._guard is not None:
@@ -338,38 +318,36 @@ class _Server:
     def _lift_orphan(self, guard: ForceGuard) -> None:
         """Lift the tip of a program that died in a press, while it is felt; tell the outcome."""
         line, risen_mm, force_n = self._stop_line, 0.0, 0.0
+        if (commands := line.commands) is None:
+            return
 
         def watch() -> None:
             nonlocal force_n
             if self._streaming:
                 self._poll_sensor()
-            force_n = math.inf if self._error else float(np.linalg.norm(self._newest_n()))
+            newest_n = self._batches[-1].force_n.mean(axis=0) if self._batches else 0.0
+            force_n = math.inf if self._error else float(np.linalg.norm(newest_n))
 
         with guard.easing():
-            for _ in range(ORPHAN_LIFTS):
-                watch()
-                rests = line.rests(watch)
-                if not (rests and self._contact_n < force_n < math.inf and line.lift(watch)):
+            watch()
+            while line.ask("ask", commands.idle, watch, ORPHAN_REST_S):
+                if risen_mm >= ORPHAN_LIFTS * commands.lift_mm:
                     break
-                assert line.commands is not None
-                risen_mm += line.commands.lift_mm
-            else:
-                line.rests(watch)
+                felt = self._contact_n < force_n < math.inf
+                if not (felt and line.ask("lift", commands.accepted, watch, 0.0)):
+                    break
+                risen_mm += commands.lift_mm
         if risen_mm or force_n > self._contact_n:
             force = "no force reading" if force_n == math.inf else f"force {force_n:.2f} N"
             outcome = f"lifted by {risen_mm:.0f} mm" if risen_mm else "NOT lifted"
             text = f"the program died in a press: the tip was {outcome}, {force}"
             print(f"deltact-fab guard: {text}", file=sys.stderr, flush=True)
 
-    def _newest_n(self) -> Field:
-        """Mean force (3,) of the newest batch, N."""
-        return np.asarray(self._batches[-1].force_n.mean(axis=0)) if self._batches else np.zeros(3)
-
     def do_open(self, config: ForceConfig, limits: GuardLimits, contact_n: float) -> None:
         self._force, self._contact_n = open_force(config, self._clock), contact_n
         silent_s = SENSOR_SILENT_S if config.netft is None else config.netft.silent_s
-        line = self._stop_line
-        self._guard = ForceGuard(line.cancel, limits, self._clock, 2 * silent_s, line.hold)
+        cancel, hold = (partial(self._stop_line.send, name) for name in ("cancel", "hold"))
+        self._guard = ForceGuard(cancel, limits, self._clock, 2 * silent_s, hold)
         gc.freeze()
 
     def do_hold(self, commands: StopCommands, follows: bool) -> None:

@@ -24,7 +24,8 @@ from ..run.contact import end_contact, lift_after_error, streaming
 from ..run.loop import Watch, interruptible, watch_force
 from ..stage.exchange import state_text
 from ..stage.grbl import GrblStage
-from .session import GuardedStage, register_face, registration_request, write_registration
+from .feeler import ForceProbe
+from .session import register_face, registration_request, write_registration
 from .tooling import TerminalOperator, home_safely
 
 # By hand: higher and slower is safer for the gel, and takes longer.
@@ -332,7 +333,8 @@ class HandStage:
                 if guard is None:
                     return "registration needs a force sensor"
                 with whole_lines():
-                    face = register_face(GuardedStage(stage, guard, guard), request, operator)
+                    probe = ForceProbe(stage, guard, stage.clock, guard)
+                    face = register_face(probe, request, operator)
                 write_registration(face, out)
                 return f"{out}: {face.line()}"
 

@@ -21,7 +21,7 @@ from deltact_fab.sensor import Indenter, SensorDimensions, SkinDimensions, parse
 
 from ..config import GrblConfig, load_rig
 from ..force.watchdog import open_guarded
-from ..interface import ForceSensor, Guard, WallClock
+from ..interface import WallClock
 from ..run.contact import lift_after_error
 from ..run.loop import interruptible
 from ..stage.grbl import GrblStage
@@ -38,19 +38,10 @@ MIN_TRIANGLE_SHARE = 0.05  # largest triangle of the points, of the area of the 
 FacePoint = tuple[float, float]
 
 
-@dataclass
-class GuardedStage:
-    """A homed stage with its force sensor and guard."""
-
-    stage: GrblStage
-    force: ForceSensor
-    guard: Guard
-
-
 @contextmanager
 def home_stage(
     config: GrblConfig, source: Path, operator: TerminalOperator, tip_is_clear: bool = False
-) -> Iterator[GuardedStage]:
+) -> Iterator[ForceProbe]:
     """Open and home the bench of a rig file; lift the tip after an error, and close all devices.
 
     Raises InputError for a rig without a force sensor, errors of the devices, and Stopped when the
@@ -64,19 +55,19 @@ def home_stage(
     stage = GrblStage.from_config(config.stage, WallClock())
     with ExitStack() as stack:
         stack.callback(stage.close)
-        force = guard = open_guarded(config.force, config.guard, stage)
-        stack.callback(force.close)
+        guard = open_guarded(config.force, config.guard, stage)
+        stack.callback(guard.close)
         with interruptible(stage.abort):
             try:
                 stage.connect()
                 home_safely(
-                    stage, stage.clock, force, operator, tip_is_clear=tip_is_clear, guard=guard
+                    stage, stage.clock, guard, operator, tip_is_clear=tip_is_clear, guard=guard
                 )
             except KeyboardInterrupt as error:
                 stage.stop()
                 raise Stopped("stopped by the operator") from error
-            with lift_after_error(stage, stage.clock, force, guard):
-                yield GuardedStage(stage, force, guard)
+            with lift_after_error(stage, stage.clock, guard, guard):
+                yield ForceProbe(stage, guard, stage.clock, guard)
 
 
 @contextmanager
@@ -89,9 +80,8 @@ def open_probe(rig: str, tip: str) -> Iterator[tuple[ForceProbe, TouchConfig]]:
     if not isinstance(config, GrblConfig):
         raise InputError(f"{source}: kind: a {config.kind!r} rig cannot touch; use a 'grbl' rig")
     operator = TerminalOperator()
-    with home_stage(config, source, operator) as bench:
+    with home_stage(config, source, operator) as probe:
         confirm(operator, tip, "it is mounted and tightened")
-        probe = ForceProbe(bench.stage, bench.force, bench.stage.clock, bench.guard)
         yield probe, config.touch or TouchConfig()
 
 
@@ -129,17 +119,17 @@ def registration_request(
 
 
 def register_face(
-    bench: GuardedStage, request: RegistrationRequest, operator: TerminalOperator
+    probe: ForceProbe, request: RegistrationRequest, operator: TerminalOperator
 ) -> RegistrationFile:
     """Have the ball mounted, touch the face at each point, and fit the plane of the face.
 
     Raises SensorError, StageError and RunFailed, the last also for a tilt over MAX_TILT_DEG and
     for touches further than MAX_RESIDUAL_MM from their plane.
     """
-    stage, ball = bench.stage, request.ball
+    stage, ball = probe.stage, request.ball
     confirm(operator, ball.name, "it is mounted and tightened")
     stage.frame = frame = raised_frame(stage.frame, request.longer_mm)
-    touch = ForceTouch(ForceProbe(stage, bench.force, stage.clock, bench.guard), request.touch)
+    touch = ForceTouch(probe, request.touch)
     touches = [touch.find(ball, place) for place in request.places]
     points = np.array([frame.to_machine_mm((*t.at_mm, t.z_mm)) for t in touches])
     level = np.column_stack((np.ones(len(points)), points[:, :2]))
@@ -197,8 +187,8 @@ def register_rig(
         )
     request = registration_request(config, source, sensor, indenter, places)
     operator = TerminalOperator()
-    with home_stage(config, source, operator, tip_is_clear) as bench:
-        registration = register_face(bench, request, operator)
+    with home_stage(config, source, operator, tip_is_clear) as probe:
+        registration = register_face(probe, request, operator)
     write_registration(registration, out)
     return registration
 
