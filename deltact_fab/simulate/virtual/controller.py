@@ -132,8 +132,7 @@ class GrblController:
     def hard_reset(self) -> None:
         """The reset pin (opening the port of an Arduino pulls it), or power off and on."""
         self._advance()
-        self._stop_dead()
-        self._power_on()
+        self._strike("reboot")
 
     def fault(self, kind: Fault, at_s: float | None = None) -> None:
         """Make something go wrong, now or at a later time of the clock.
@@ -195,16 +194,11 @@ class GrblController:
     # ---- time ---------------------------------------------------------------------------------
 
     def _next_ns(self) -> int | None:
-        times = [t for t in (self._boot_ns, self._wait_ns) if t is not None]
-        if self._carriage.moving is not None:
-            times.append(self._carriage.moving.end_ns)
-        if self._trips_ns is not None:
-            times.append(self._trips_ns)
-        if self._after_alarm is not None:
-            times.append(self._after_alarm[0])
-        if self._faults:
-            times.append(self._faults[0][0])
-        return min(times, default=None)
+        times = [self._boot_ns, self._wait_ns, self._trips_ns]
+        times += [t for t, _ in self._faults[:1]]
+        times += [self._carriage.moving.end_ns] if self._carriage.moving else []
+        times += [self._after_alarm[0]] if self._after_alarm else []
+        return min((t for t in times if t is not None), default=None)
 
     def _advance(self) -> None:
         now_ns = self._clock.now_ns()
@@ -275,9 +269,7 @@ class GrblController:
         self._rx = deque()
         self._line = ""
         self._overflow = False
-        self._task = None
-        self._waiting = None
-        self._wait_ns = None
+        self._task = self._waiting = self._wait_ns = None
         self._carriage.drop()
         self._holding = False  # braking for a hold or a jog cancel
         self._door = False  # what holds, or will, is the safety door
@@ -390,6 +382,10 @@ class GrblController:
         if not self._carriage.brake(self._t):
             self._segment_done()
         elif self._trips_ns is not None:
+            self._meet_switch()
+
+    def _meet_switch(self) -> None:
+        if self.settings[21]:
             self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
 
     def _soft_reset(self) -> None:
@@ -429,8 +425,8 @@ class GrblController:
         if self._state in ("Jog", "Run"):
             if not self._carriage.begin(self._t):
                 self._state = "Idle"
-            elif self.settings[21]:
-                self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
+            else:
+                self._meet_switch()
 
     def _segment_done(self) -> None:
         self._trips_ns = None
@@ -453,8 +449,8 @@ class GrblController:
     def _home(self) -> Task:
         self._state = "Home"
         self._carriage.catch(self._t)
-        passes = [int(self.settings[n]) for n in HOMING_PASS_MASKS if n in self.settings]
-        passes = passes or [*self._homing_passes]
+        own = [int(self.settings[n]) for n in HOMING_PASS_MASKS if n in self.settings]
+        passes = own or [*self._homing_passes]
         for goal, rate in self._carriage.homing_legs(passes):
             while self._carriage.seek(goal, rate, self._t):
                 yield "still"
@@ -512,11 +508,8 @@ class GrblController:
     def _report(self) -> None:
         name: str = self._state
         if name == "Hold":
-            name = (
-                f"Door:{2 if self._holding else int(self._ajar)}"
-                if self._door
-                else f"Hold:{int(self._holding)}"
-            )
+            door = 2 if self._holding else int(self._ajar)
+            name = f"Door:{door}" if self._door else f"Hold:{int(self._holding)}"
         mm = self._carriage.count_mm(self._t)
         mask = int(self.settings[10])
         parts = [name, f"{'MPos' if mask & 1 else 'WPos'}:{coordinates((*mm, *self._more_axes))}"]
@@ -552,8 +545,7 @@ class GrblController:
             late = self._programmed_mm is before_mm  # not cancelled meanwhile
         self._programmed_mm = target_mm
         if self._state == "Jog" and self._carriage.prolong(target_mm, feed_mm_min, self._t):
-            if self.settings[21]:
-                self._trips_ns = self._carriage.trips_ns(self._scatter.uniform)
+            self._meet_switch()
             return 0
         self._carriage.plan(target_mm, feed_mm_min)
         if self._state == "Idle" and self._carriage.free_blocks < PLANNER_BLOCKS:

@@ -51,6 +51,12 @@ BOARDS: dict[str, tuple[dict[int, float], dict[str, Any], str, str]] = {
 INNOCENT = {b"?", b"$I\n", b"$$\n"}
 
 
+def connected(settings: dict[int, float]) -> Bench:
+    bench = Bench(settings, restarts=True)
+    bench.stage.connect()
+    return bench
+
+
 class Bench:
     def __init__(self, settings: dict[int, float], restarts: bool, **board: Any) -> None:
         self.clock = VirtualClock()
@@ -58,10 +64,8 @@ class Bench:
         self.clock.sleep_s(2.0)
         self.grbl.take_output()
         self.trace: list[wire.WireExchange] = []
-        self.link = wire.SerialLink(
-            self.grbl, self.clock, resets_on_open=restarts, trace=self.trace
-        )
-        self.stage = GrblStage.from_config(STAGE, self.clock, self.link)
+        link = wire.SerialLink(self.grbl, self.clock, resets_on_open=restarts, trace=self.trace)
+        self.stage = GrblStage.from_config(STAGE, self.clock, link)
 
     def sent(self) -> set[bytes]:
         return {data for _, who, data in self.trace if who == "host"}
@@ -108,12 +112,20 @@ def test_board_check_home_and_jog_agree(
     assert b"\x18" not in bench.sent()
 
 
+def fault_bench(settings: dict[int, float], feed: float = 30.0, **options: Any) -> FaultBench:
+    """The protocol smoke, pressed at this feed, on a board with these settings."""
+    smoke, path = plan.load_protocol("smoke")
+    motion = smoke.motion.model_copy(update={"press_feed_mm_min": feed})
+    smoke = smoke.model_copy(update={"motion": motion})
+    scenario = FaultScenario.from_protocol(smoke, path.read_bytes(), config.load_rig("virtual")[0])
+    own = {**(scenario.settings or {}), **settings}
+    return FaultBench(replace(scenario, settings=own), **options)
+
+
 @pytest.mark.parametrize("board", [b for b in BOARDS if BOARDS[b][2]])
 def test_board_refused_by_run(tmp_path: Path, board: str) -> None:
     settings, options, _, reason = BOARDS[board]
-    smoke, path = plan.load_protocol("smoke")
-    scenario = FaultScenario.from_protocol(smoke, path.read_bytes(), config.load_rig("virtual")[0])
-    bench = FaultBench(replace(scenario, settings={**scenario.settings, **settings}), **options)
+    bench = fault_bench(settings, **options)
     with pytest.raises(StageError, match=reason):
         bench.run(tmp_path / "run")
     assert {s.end_mm[2] for s in bench.board.segments} <= {-6.0}  # the tip has kept its height
@@ -121,8 +133,7 @@ def test_board_refused_by_run(tmp_path: Path, board: str) -> None:
 
 
 def test_pendant_ends_the_position() -> None:
-    bench = Bench({}, restarts=True)
-    bench.stage.connect()
+    bench = connected({})
     bench.stage.home()
     bench.grbl.pendant = "refuses"
     with pytest.raises(StageError, match=PENDANT):
@@ -173,12 +184,6 @@ def test_inward_move_from_switch_is_right() -> None:
     assert "target X -121.000" in limits.move_refusal((0.0, -5, -2), (-121.0, -5, -2), 60.0)
 
 
-def connected(settings: dict[int, float]) -> Bench:
-    bench = Bench(settings, restarts=True)
-    bench.stage.connect()
-    return bench
-
-
 @pytest.mark.parametrize(
     ("target_mm", "feed", "said"),
     [
@@ -217,13 +222,7 @@ def test_feeds_below_the_timer_are_refused(settings: dict[int, float], least: fl
 
 
 def test_slow_plan_is_refused_unmoved(tmp_path: Path) -> None:
-    smoke, path = plan.load_protocol("smoke")
-    slow = smoke.model_copy(
-        update={"motion": smoke.motion.model_copy(update={"press_feed_mm_min": 3.0})}
-    )
-    scenario = FaultScenario.from_protocol(slow, path.read_bytes(), config.load_rig("virtual")[0])
-    own = {**(scenario.settings or {}), 100: 250, 101: 250, 102: 250}
-    bench = FaultBench(replace(scenario, settings=own))
+    bench = fault_bench({100: 250, 101: 250, 102: 250}, 3.0)
     with pytest.raises(InputError, match=r"feed 3 mm/min is slower .* at least 7\.4 here"):
         bench.run(tmp_path / "run")
     assert bench.board.segments == []

@@ -72,13 +72,11 @@ class Script:
         pass
 
 
-def scripted(
-    monkeypatch: pytest.MonkeyPatch,
-    exchanges: list[tuple[bytes, bytes]],
-    greeting: bytes = GREETING,
+def connected(
+    monkeypatch: pytest.MonkeyPatch, exchanges: list[tuple[bytes, bytes]], greeting: bytes
 ) -> tuple[GrblStage, Script]:
     clock = VirtualClock()
-    port = Script(clock, greeting, exchanges)
+    port = Script(clock, greeting, [*CONNECT, *exchanges])
 
     def opened(url: str, **options: object) -> Script:
         assert options["exclusive"] is True
@@ -87,22 +85,22 @@ def scripted(
     monkeypatch.setattr(serial, "serial_for_url", opened)
     stage = GrblStage("/dev/ttyFAKE", clock, FRAME)
     stage.whole_moves = True
+    stage.connect()
+    return stage, port
+
+
+def homed(
+    monkeypatch: pytest.MonkeyPatch, *exchanges: tuple[bytes, bytes]
+) -> tuple[GrblStage, Script]:
+    stage, port = connected(monkeypatch, [*HOME, *exchanges], GREETING)
+    stage.home()
     return stage, port
 
 
 def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    stage, port = scripted(
-        monkeypatch,
-        [
-            *CONNECT,
-            *HOME,
-            (JOG, b"ok\r\n"),
-            *[(b"?", b"<Jog|MPos:-20.000,-20.000,-5.000|FS:600,0|Ov:100,100,100>\r\n")] * 73,
-            (b"?", IDLE % b"-50.000,-50.000,-15.000"),
-        ],
-    )
-    stage.connect()
-    stage.home()
+    jogs = (b"?", b"<Jog|MPos:-20.000,-20.000,-5.000|FS:600,0|Ov:100,100,100>\r\n")
+    there = (b"?", IDLE % b"-50.000,-50.000,-15.000")
+    stage, port = homed(monkeypatch, (JOG, b"ok\r\n"), *[jogs] * 73, there)
     planned = stage.start_move((0.0, 0.0, 5.0), 600.0)
     # L/v + v/a, where X and Y take 49/L each of the line and accelerate at 25 mm/s2 at most.
     length = (49**2 + 49**2 + 14**2) ** 0.5
@@ -121,9 +119,7 @@ def test_connect_home_move(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_noise_before_banner_is_ignored(monkeypatch: pytest.MonkeyPatch, greeting: bytes) -> None:
-    stage, port = scripted(monkeypatch, CONNECT, greeting)
-    stage.connect()
-    assert port.left == []
+    assert connected(monkeypatch, [], greeting)[1].left == []
 
 
 @pytest.mark.parametrize(
@@ -137,9 +133,7 @@ def test_noise_before_banner_is_ignored(monkeypatch: pytest.MonkeyPatch, greetin
     ],
 )
 def test_bad_answer_fails_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes, said: str) -> None:
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (JOG, answer), *STOP])
-    stage.connect()
-    stage.home()
+    stage, port = homed(monkeypatch, (JOG, answer), *STOP)
     with pytest.raises(StageError, match=said):
         stage.start_move((0.0, 0.0, 5.0), 600.0)
     assert port.left == []
@@ -148,32 +142,18 @@ def test_bad_answer_fails_a_move(monkeypatch: pytest.MonkeyPatch, answer: bytes,
 def test_lost_answer_ends_only_gel_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = (b"?", IDLE % b"-1.000,-1.000,-1.000")
     press = JOG.replace(b"Z-15.0", b"Z-19.5")
-    above = [(JOG, b""), asked, (JOG, b"ok\r\n")]
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, *above])
-    stage.connect()
-    stage.home()
+    stage, port = homed(monkeypatch, (JOG, b""), asked, (JOG, b"ok\r\n"))
     stage.start_move((0.0, 0.0, 5.0), 600.0)
     assert port.left == []
-    stage, port = scripted(monkeypatch, [*CONNECT, *HOME, (press, b""), *STOP, asked])
-    stage.connect()
-    stage.home()
+    stage, port = homed(monkeypatch, (press, b""), *STOP, asked)
     with pytest.raises(StageError, match=r"no answer to .J=.*0.5 s; the move to .*: stop sent"):
         stage.start_move((0.0, 0.0, 0.5), 600.0)
     assert port.left == []
 
 
 def test_lost_status_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    stage, port = scripted(
-        monkeypatch,
-        [
-            *CONNECT,
-            *HOME,
-            (b"?", b"<Idle|MPos:-1.0"),
-            (b"?", b"\r\n" + IDLE % b"-1.000,-1.000,-1.000"),
-        ],
-    )
-    stage.connect()
-    stage.home()
+    answer = b"\r\n" + IDLE % b"-1.000,-1.000,-1.000"
+    stage, port = homed(monkeypatch, (b"?", b"<Idle|MPos:-1.0"), (b"?", answer))
     assert stage.position_mm() == (49.0, 49.0, 19.0)
     assert port.left == []
 
@@ -181,10 +161,7 @@ def test_lost_status_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize("state", [b"Hold:0", b"Door:1"])
 def test_state_foreign_to_jogs_is_fault(monkeypatch: pytest.MonkeyPatch, state: bytes) -> None:
     status = b"<%b|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n" % state
-    exchanges = [*CONNECT, *HOME, (JOG, b"ok\r\n"), (b"?", status), *STOP]
-    stage, port = scripted(monkeypatch, exchanges)
-    stage.connect()
-    stage.home()
+    stage, port = homed(monkeypatch, (JOG, b"ok\r\n"), (b"?", status), *STOP)
     stage.start_move((0.0, 0.0, 5.0), 600.0)
     with pytest.raises(StageError, match=f"{state.decode()} .*during a move .*expected Jog"):
         stage.wait()

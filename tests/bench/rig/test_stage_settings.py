@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -38,13 +39,10 @@ class Built(GrblController):
 
 
 def connected(
-    settings: dict[int, float] | None = None,
-    options: str = "",
-    unsaid: bytes = b"no",
-    **file: object,
+    settings: dict[int, float], options: str = "", unsaid: bytes = b"no", **file: object
 ) -> GrblStage:
     clock = VirtualClock()
-    grbl = Built({1: 255, **(settings or {})}, clock)
+    grbl = Built({1: 255, **settings}, clock)
     grbl.options, grbl.unsaid = options, unsaid
     trace: list[wire.WireExchange] = []
     link = wire.SerialLink(grbl, clock, trace=trace)
@@ -60,8 +58,8 @@ def connected(
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
-    [
+    ("settings", "said", "other"),
+    [(*row, {}) for row in (
         ({10: 2}, r"\$10=2 \(status reports give the work position\); set \$10=1 or \$10=3"),
         ({13: 1}, r"\$13=1 \(status reports are in inches\); set \$13=0"),
         ({20: 0}, r"\$20=0 \(soft limits are off\); set \$20=1"),
@@ -78,22 +76,22 @@ def connected(
         ({120: 0.5}, r"X has 0.5 mm/s2 \(\$120\); 50 needed: .* less in \[stage\] acceleration"),
         ({132: 45}, r"Z has 45 mm of travel \(\$132\); 60 needed: .* less in \[stage\] travel_mm"),
         ({21: 0, 3: 1, 32: 1}, r"\$21=0 .*\(and 2 more: see `rig check`\)$"),
+    )] + [
+        ({}, r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash", {"options": "Z"}),
+        ({}, r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash", {"options": "L"}),
+        ({}, r"the answer to \$\$ lacks \$32$", {"unsaid": b"$32"}),
+        ({}, r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5", {"direction_mask": 5}),
     ],
-)
-def test_each_violation_is_refused(settings: dict[int, float], said: str) -> None:
+)  # fmt: skip
+def test_each_violation_is_refused(
+    settings: dict[int, float], said: str, other: dict[str, Any]
+) -> None:
     with pytest.raises(StageError, match=said) as why:
-        connected(settings)
+        connected(settings, **other)
     assert "\n" not in str(why.value)
 
 
-def test_origin_set_by_homing_is_refused() -> None:
-    with pytest.raises(StageError, match=r"\[OPT:VZ\.\.\.\] .*HOMING_FORCE_SET_ORIGIN.*; flash"):
-        connected(options="Z")
-
-
-def test_board_unlocked_at_start_is_refused() -> None:
-    with pytest.raises(StageError, match=r"\[OPT:VL\.\.\.\] .*HOMING_INIT_LOCK.*; flash"):
-        connected(options="L")
+def test_hal_unlocked_at_start_is_refused() -> None:
     said = ["[OPT:V,15,128]", "[FIRMWARE:grblHAL]"]
     (row,) = check_settings({**DEFAULTS_GRBL, 1: 255, 22: 1}, said, None)
     assert (row.id, row.status) == ("stage.lock", "fail")
@@ -102,16 +100,8 @@ def test_board_unlocked_at_start_is_refused() -> None:
     assert not check_settings({**DEFAULTS_GRBL, 1: 255, 22: 5}, said, None)
 
 
-def test_missing_setting_is_refused() -> None:
-    with pytest.raises(StageError, match=r"the answer to \$\$ lacks \$32$"):
-        connected(unsaid=b"$32")
-
-
 def test_declared_direction_masks_are_accepted() -> None:
-    stage = connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3)
-    assert not stage.setting_checks
-    with pytest.raises(StageError, match=r"\$3=0 .* the rig file says 5 \(X, Z\).* set \$3=5"):
-        connected({}, direction_mask=5)
+    assert not connected({3: 5, 23: 3}, direction_mask=5, homing_direction_mask=3).setting_checks
 
 
 def test_faster_controller_accepted_travel_of_file() -> None:

@@ -58,31 +58,14 @@ def test_homing_ends_at_the_pull_off() -> None:
     assert 4.5 < last.end_ns / 1e9 < 10
 
 
-def test_homing_at_the_far_end() -> None:
-    bench = Bench({23: 1})
-    bench.heard()
-    bench.say("$H\n", 60)
-    assert bench.grbl.position_mm() == (-119.0, -1.0, -1.0)
-    assert bench.mpos() == (-119.0, -1.0, -1.0)
-
-
 @pytest.mark.parametrize(
     ("line", "code"),
     [
-        ("G1X-2F600", 20),
-        ("$J=12", 1),
-        ("$J=X", 2),
-        ("$J1", 3),
-        ("$J=X-2F-5", 4),
-        ("$J=X-1000F100", 15),
-        ("$J=Z-61F100", 15),
-        ("$J=A1F100", 20),
-        ("$J=G20X-2F9", 16),
-        ("$J=G90G91X-2F9", 21),
-        ("$J=X-2X-3F10", 25),
-        ("$J=X-2F10S1", 36),
+        ("G1X-2F600", 20), ("$J=12", 1), ("$J=X", 2), ("$J1", 3), ("$J=X-2F-5", 4),
+        ("$J=X-1000F100", 15), ("$J=Z-61F100", 15), ("$J=A1F100", 20), ("$J=G20X-2F9", 16),
+        ("$J=G90G91X-2F9", 21), ("$J=X-2X-3F10", 25), ("$J=X-2F10S1", 36),
     ],
-)
+)  # fmt: skip
 def test_errors_have_the_firmware_s_codes(line: str, code: int) -> None:
     bench = Bench().homed()
     assert bench.say(line + "\n", 1) == [f"error:{code}"]
@@ -99,13 +82,8 @@ def test_line_of_any_length_answered_once(length: int) -> None:
 def test_the_lock_refuses_motion_until_unlocked() -> None:
     bench = Bench()
     bench.heard()
-    assert bench.say("G1X-1F10\n$J=X-1F10\n$I\n") == [
-        "error:9",
-        "error:8",
-        "[VER:1.1h.20190830:]",
-        "[OPT:V,15,128]",
-        "ok",
-    ]
+    info = ["[VER:1.1h.20190830:]", "[OPT:V,15,128]", "ok"]
+    assert bench.say("G1X-1F10\n$J=X-1F10\n$I\n") == ["error:9", "error:8", *info]
     assert bench.say("$X\n") == ["[MSG:Caution: Unlocked]", "ok"]
     assert bench.say("$J=G91X-1F100\n") == ["ok"]
 
@@ -120,12 +98,13 @@ def test_jog_blocks_g_code_and_settings() -> None:
 
 def test_jogs_reach_targets_in_all_dialects() -> None:
     bench = Bench().homed()
-    bench.say("$J=G90G21X-5F600\n", 5)
-    assert bench.mpos() == (-5.0, -1.0, -1.0)
-    bench.say("$J=G91Y-25.4F600\n", 30)
-    assert bench.mpos() == (-5.0, -26.4, -1.0)
-    bench.say("$J=G90G21G53X-2Y-2Z-2F600\n", 30)
-    assert bench.mpos() == (-2.0, -2.0, -2.0)
+    for line, there_mm in (
+        ("$J=G90G21X-5F600\n", (-5.0, -1.0, -1.0)),
+        ("$J=G91Y-25.4F600\n", (-5.0, -26.4, -1.0)),
+        ("$J=G90G21G53X-2Y-2Z-2F600\n", (-2.0, -2.0, -2.0)),
+    ):
+        bench.say(line, 30)
+        assert bench.mpos() == there_mm
 
 
 def test_jog_cancel_decelerates_and_keeps_position() -> None:
@@ -201,9 +180,10 @@ def test_settings_read_back_and_take_effect() -> None:
         ({44: 3, 45: 0}, {"firmware": "grblHAL"}, (-1, -1, -10), (-1, -1, 0)),
         ({}, {"firmware": "grblHAL"}, (-1, -1, -1), (-1, -1, -1)),
         ({}, {"axis_count": 4}, (-1, -1, -1), (-1, -1, -1, 0)),
+        ({23: 1}, {}, (-119, -1, -1), (-119, -1, -1)),  # at the far end
     ],
 )
-def test_axes_outside_all_passes_stand(
+def test_homing_leaves_axes_where_due(
     settings: dict[int, float], options: dict[str, object], there_mm: object, count_mm: object
 ) -> None:
     bench = Bench(settings, **options).homed()

@@ -23,6 +23,7 @@ from .port import Cable, LinkLost, Port
 from .settings import Limits
 
 JOG_CANCEL, FEED_HOLD = b"\x85", b"!"
+STOP_BYTES = {"Jog": JOG_CANCEL, "Run": FEED_HOLD}  # by state
 # By hand: longer times report a stuck stage later, shorter ones load the line.
 POLL_END_S = 0.02
 STOP_MARGIN_S = 2.0
@@ -108,17 +109,6 @@ class Move:
         dry = self.runs_dry(round(state.t_s * 1e9), braking=True)
         behind_s = self._delay_s(state) - state.within_s
         return behind_s > more_than_s and not dry and not self._host_was_late(state)
-
-    def remainder(self, from_mm: Point, now_ns: int, planned_s: float) -> Move:
-        """Return the remainder of the move, from rest."""
-        return replace(
-            self,
-            start_mm=from_mm,
-            start_ns=now_ns,
-            planned_s=planned_s,
-            sent_mm=0.0,
-            late_ns=now_ns,
-        )
 
     def _host_was_late(self, state: StageState) -> bool:
         """True if the delay is due to a late host."""
@@ -275,11 +265,11 @@ class Controller:
                 continue
             if state.state == "Door:1":
                 raise TalkFault("the safety door is open: close it, then try again")
-            if name not in ("Jog", "Run", "Hold", "Door"):
+            if name not in (*STOP_BYTES, "Hold", "Door"):
                 raise TalkFault(f"the controller is in {state_text(state.state)}; reset it first")
             self.clock.sleep_s(POLL_END_S)
-            if name in ("Jog", "Run"):  # the first byte is ignored before the jog has begun
-                self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
+            if name in STOP_BYTES:  # the first byte is ignored before the jog has begun
+                self.port.write(STOP_BYTES[name])
 
     def idle_again(self, limit_s: float) -> StageState | None:
         """Wait for rest after a fault, sending stops; None if it does not rest with its count.
@@ -300,8 +290,8 @@ class Controller:
                     return state
                 if state.state in HELD_STATES:
                     self._release(state, counted=True)
-                elif name in ("Jog", "Run"):
-                    self.port.write(JOG_CANCEL if name == "Jog" else FEED_HOLD)
+                elif name in STOP_BYTES:
+                    self.port.write(STOP_BYTES[name])
                 elif name not in ("Hold", "Door") or state.state == "Door:1":
                     return None
             except TalkFault:

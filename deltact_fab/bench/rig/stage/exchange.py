@@ -171,12 +171,16 @@ class Talk:
         self.posted = line, self._port.now_ns()
         self._port.write(line.encode("ascii") + b"\n")
 
-    def settle(self, limit_s: float) -> bool:
-        """Wait for the answer to the posted line; False if none comes within limit_s."""
+    def settle(self, limit_s: float) -> list[str] | None:
+        """Wait for the answer to the posted line; return the lines before it, None without one."""
         deadline = self._port.deadline_ns(limit_s)
-        while self.posted is not None and (text := self._port.line(deadline)) is not None:
+        data: list[str] = []
+        while self.posted is not None:
+            if (text := self._port.line(deadline)) is None:
+                return None
             self._handle_line(text)
-        return self.posted is None
+            data.append(text)
+        return data[:-1]
 
     def forget_posted(self) -> None:
         """Discard the posted line and lines still arriving."""
@@ -190,21 +194,15 @@ class Talk:
         Raises NoAnswer; the line stays posted, as its answer may come later.
         """
         self.drain()
-        if not self.settle(limit_s):
+        if self.settle(limit_s) is None:
             self.forget_posted()
         sent_ns = self._port.now_ns()
         self.post(line)
-        deadline = self._port.deadline_ns(limit_s)
-        data: list[str] = []
-        while (text := self._port.line(deadline)) is not None:
-            self._handle_line(text)
-            if self.posted is None:
-                length = sum(len(answer) + len("\r\n") for answer in data)
-                took_ns = self._port.now_ns() - sent_ns
-                self._beats_baud |= took_ns < self._port.on_wire_ns(length)
-                return data
-            data.append(text)
-        raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", position_lost=True)
+        if (data := self.settle(limit_s)) is None:
+            raise NoAnswer(f"no answer to {line} within {limit_s:.1f} s", position_lost=True)
+        length = sum(len(answer) + len("\r\n") for answer in data)
+        self._beats_baud |= self._port.now_ns() - sent_ns < self._port.on_wire_ns(length)
+        return data
 
     def status(self, on_silence: Callable[[], str]) -> StageState:
         """Request one status report.

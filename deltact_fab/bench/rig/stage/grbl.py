@@ -5,14 +5,10 @@ machine coordinates: a jog outside of the travel is refused without an alarm, an
 stops it cleanly. The end of a move is polled (`?` until Idle at the target), since an `ok` only
 confirms the line.
 
-Before a StageError is raised the stop byte is sent, 0x85 in a move and 0x18 while homing, so that
-nothing moves if the controller can still be reached. After an alarm, a restart of the controller or
-silence motion commands are refused until `home` succeeds, which then begins with a reset (0x18);
-`$X` is never sent. Hold and the safety door keep the position: a reset at rest ends them, never
-`~`, which would resume obsolete motion. If the cable is pulled no byte can be sent: the controller
-finishes the motion already sent (`jogs`).
-
-This is no emergency stop.
+Before a StageError is raised the stop byte is sent, 0x85 in a move and 0x18 while homing. After an
+alarm, a restart or silence motion is refused until `home` succeeds, which then begins with a reset
+(0x18); `$X` is never sent. Hold and the safety door keep the position: a reset at rest ends them,
+never `~`, which would resume obsolete motion. This is no emergency stop.
 
 One thread drives the stage; another may request the position; `stop`, `cancel` and `abort` may be
 called from any thread, and then only write.

@@ -20,6 +20,7 @@ from .controller import (
     JOG_CANCEL,
     PLANNED_AHEAD_S,
     POLL_END_S,
+    STOP_BYTES,
     STOP_MARGIN_S,
     Controller,
     Move,
@@ -47,9 +48,8 @@ def start_move(
     at_once: send all of it. Raises InputError, with nothing sent, beyond travel or feed; TalkFault
     if it does not begin.
     """
-    machine = as_commanded(target_mm)
+    machine, limits = as_commanded(target_mm), c.limits
     delta = subtract_vectors(machine, c.at_mm)
-    limits = c.limits
     if refusal := limits.move_refusal(c.at_mm, machine, feed_mm_min):
         raise InputError(f"{c.url}: {refusal}")
     planned_s = move_duration_s(delta, feed_mm_min, limits.axes(110), limits.axes(120))
@@ -85,16 +85,11 @@ def send_due_piece(c: Controller) -> None:
             if not _answer_came_late(c, fault):
                 _send(c, line)
         return
-    late = move.runs_dry(now_ns, braking=True)
-    if late:
+    if move.runs_dry(now_ns, braking=True):
         c.waits += 1
         c.move = move = replace(move, late_ns=now_ns)
     if move.runs_dry(now_ns):
-        from_mm = move.point_at_mm(move.sent_mm)
-        rest_mm = subtract_vectors(move.target_mm, from_mm)
-        axes = c.limits.axes
-        planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
-        c.move = move = move.remainder(from_mm, now_ns, planned_s)
+        c.move = move = _remainder(c, move, move.point_at_mm(move.sent_mm))
     if (due_mm := move.due_mm(now_ns)) is not None:
         c.talk.post(_jog_command(c, move, due_mm))
         if c.cancelled:  # by another thread
@@ -184,10 +179,17 @@ def _wait_for_run(c: Controller, fault: TalkFault) -> None:
     if state.state != "Idle":
         raise fault
     c.waits += 1
+    c.move = _remainder(c, move, state.machine_mm)
+
+
+def _remainder(c: Controller, move: Move, from_mm: Point) -> Move:
+    """Return the remainder of a move, from rest."""
     now_ns, axes = c.port.now_ns(), c.limits.axes
-    rest_mm = subtract_vectors(move.target_mm, state.machine_mm)
-    planned_s = move_duration_s(rest_mm, move.feed_mm_min, axes(110), axes(120))
-    c.move = move.remainder(state.machine_mm, now_ns, planned_s)
+    delta_mm = subtract_vectors(move.target_mm, from_mm)
+    planned_s = move_duration_s(delta_mm, move.feed_mm_min, axes(110), axes(120))
+    return replace(
+        move, start_mm=from_mm, start_ns=now_ns, planned_s=planned_s, sent_mm=0.0, late_ns=now_ns
+    )
 
 
 def poll(c: Controller) -> StageState:
@@ -206,8 +208,8 @@ def poll(c: Controller) -> StageState:
             # A hold ends only one jog: send no other.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
             c.move = c.move.retimed(state)
-        if c.cancelled and state.state in ("Jog", "Run"):  # it came before the jog, or is not heard
-            c.port.write(JOG_CANCEL if state.state == "Jog" else FEED_HOLD)
+        if c.cancelled and state.state in STOP_BYTES:  # it came before the jog, or is not heard
+            c.port.write(STOP_BYTES[state.state])
         return state
 
 
