@@ -164,7 +164,9 @@ KINDS: dict[str, tuple[tuple[str, ...], Attack]] = {
     "folder": (SOME, lambda path, victim: path.mkdir()),
 }
 CASES: dict[str, Attack] = {
-    f"{file} {kind}": replaced(file, make) for kind, (files, make) in KINDS.items() for file in files
+    f"{file} {kind}": replaced(file, make)
+    for kind, (files, make) in KINDS.items()
+    for file in files
 } | {
     "run.json large": run_file(lambda: b'{"a": "' + bytes(60 << 20) + b'"}'),
     "run.json many": run_file(lambda: b'{"a":[' + b"{}," * 2**21 + b"{}]}"),

@@ -95,9 +95,14 @@ def _stop_rows(config: GrblConfig) -> Iterator[Check]:
         return
     with suppress(InputError):  # a row of the force sensor
         trip_n = GuardLimits.from_config(config.guard, config.force).force_n[2]
-        forces = (stage.stop_force_n(trip_n, f, STIFF_N_PER_MM15) for f in (feed, slow))
-        text = "the guard's {:.1f} N end at {:.1f} N, and at {:.1f} N".format(trip_n, *forces)
-        yield _row("stage", "stop-force", "pass", f"{text}, with sphere:10 on a stiff gel")
+        range_n = config.force.range_n[2]
+        fast_n, slow_n = (stage.stop_force_n(trip_n, f, STIFF_N_PER_MM15) for f in (feed, slow))
+        text = (
+            f"the guard's {trip_n:.1f} N end at {slow_n:.1f} N, and at {fast_n:.1f} N from "
+            f"{feed:g} mm/min, with sphere:10 on a stiff gel; the sensor's range is {range_n:g} N"
+        )
+        remedy = "" if slow_n <= range_n else "set a lower limit in [guard]"
+        yield _row("stage", "stop-force", graded(not remedy), text, remedy)
 
 
 def _press_rows(config: GrblConfig) -> Iterator[Check]:

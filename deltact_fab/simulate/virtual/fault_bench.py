@@ -396,7 +396,7 @@ class FaultBench:
             }  # fmt: skip
             writer = RunWriter.create(folder, meta, case.text, {"dots_mm": []}, steps)
         stage = GrblStage(self.link, self.clock, case.frame)
-        guard = ForceGuard(stage.cancel, case.limits, self.clock)
+        guard = ForceGuard(stage.cancel, case.limits, self.clock, hold=stage.hold)
         force = self._open_force()
         camera = BenchCamera(self.clock, self.tip_mm, self.camera_faults)
         try:

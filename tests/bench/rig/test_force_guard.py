@@ -109,6 +109,23 @@ def test_resultant_force_has_own_limit(bench: Bench) -> None:
     assert bench.guard.tripped == "resultant force 8.81 N, over the guard's 8.5 N"
 
 
+@pytest.mark.parametrize(("late", "ends"), [(True, "Hold"), (False, "Idle")])
+def test_unheard_stop_becomes_feed_hold(bench: Bench, late: bool, ends: str) -> None:
+    """A jog that was begun as Run hears no 0x85; its force grows on."""
+    bench.guard.hold = bench.stage.hold
+    bench.stage.start_move((0.0, 0.0, -10.0), 600)
+    bench.stage.listen(0.4)
+    if late:
+        bench.controller.fault("late jog")
+        while bench.controller.state != "Run":
+            bench.stage.listen(0.005)
+    for k in range(30):
+        bench.clock.sleep_s(0.002)
+        bench.guard.watch(bench.samples(fz=-8.1 - 0.1 * (k if late else min(k, 5))))
+    bench.clock.sleep_s(0.2)
+    assert bench.controller.state == ends
+
+
 def test_byte_before_its_jog_is_repeated(bench: Bench) -> None:
     """GRBL drops 0x85 while it still reads the line; a spike must not be stopped by luck."""
     bench.stage.start_move((0.0, 0.0, 4.9), 900)

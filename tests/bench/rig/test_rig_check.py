@@ -16,6 +16,8 @@ from click.testing import CliRunner, Result
 
 from deltact_fab.app.cli.main import main
 from deltact_fab.bench.record.images import encode_png
+from deltact_fab.bench.rig.check import _stop_rows
+from deltact_fab.bench.rig.config import GrblConfig, load_rig
 from deltact_fab.common.errors import InputError
 from deltact_fab.simulate.virtual.served import NetFTServer
 
@@ -86,6 +88,19 @@ def test_complete_bench_passes(tmp_path: Path) -> None:
     assert len(set(ids)) == len(ids) == len(found["rows"])
     assert found["ok"]  # a run would only warn that the camera is not calibrated
     assert {v for (device, _), v in rows.items() if device == "camera"} >= {"WARN"}
+
+
+@pytest.mark.parametrize(("guard_n", "status"), [(15.0, "pass"), (34.0, "fail")])
+def test_late_stop_is_held_against_range(tmp_path: Path, guard_n: float, status: str) -> None:
+    path = rig_file(tmp_path, "no-port")
+    rest = REST.format(host="h", rdt_port=1, http_port=2, python="p")
+    limits = f"axes_n = [15.0, 15.0, {guard_n}]"
+    path.write_text(path.read_text() + rest.replace("force_n = 15.0", limits))
+    config, _ = load_rig(str(path))
+    assert isinstance(config, GrblConfig)
+    rows = {row.id: row for row in _stop_rows(config)}
+    assert rows["stage.stop-force"].status == status
+    assert "stage.emergency-stop" not in rows
 
 
 def test_faults_are_reported_with_remedy(tmp_path: Path) -> None:

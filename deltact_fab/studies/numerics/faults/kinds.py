@@ -70,7 +70,7 @@ FAULT_KINDS: tuple[FaultKind, ...] = (
               ("no answer to", "not understood"), success=True, within_s=1.2),
     FaultKind("half lines",
               lambda b, at_s: b.board.alter_lines(lambda s: s[: len(s) // 2], b"", at_s, limit=3),
-              ("no answer to",), success=True, within_s=1.2),
+              ("no answer to", "cannot be read"), success=True, within_s=1.2),
     FaultKind("limit switch", lambda b, at_s: b.board.fault("limit", at_s), ("ALARM:1",)),
     FaultKind("soft limit", lambda b, at_s: b.board.fault("soft limit", at_s), ("ALARM:2",)),
     FaultKind("safety door", lambda b, at_s: b.board.fault("door", at_s),
