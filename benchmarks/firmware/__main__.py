@@ -84,31 +84,29 @@ def needs(board: Board) -> StageConfig:
     return NEEDS.model_copy(update={key: int(board.settings.get(n, 0)) for key, n in masks.items()})
 
 
-def refused(stage: GrblStage, words: str) -> str:
-    """What `connect` says; it has to hold these words."""
-    try:
-        stage.connect()
-    except StageError as why:
-        return str(why) if words in str(why) else f"WRONG: {why}"
-    return "WRONG: connected"
-
-
 def beliefs(board: Board, hal: bool) -> Iterator[tuple[str, str]]:
     """Each belief, and what came of it."""
 
     def look(what: Callable[[GrblStage], str]) -> str:
-        with board.powered() as url:
-            stage = GrblStage(
-                url, WallClock(), StageFrame((-60.0, -60.0, -40.0)), config=needs(board)
-            )
-            with closing(stage):
-                try:
-                    return what(stage)
-                except StageError as why:
-                    return f"WRONG: {why}"
+        frame = StageFrame((-60.0, -60.0, -40.0))
+        with (
+            board.powered() as url,
+            closing(GrblStage(url, WallClock(), frame, config=needs(board))) as stage,
+        ):
+            try:
+                return what(stage)
+            except StageError as why:
+                return f"WRONG: {why}"
+
+    def unlocked(stage: GrblStage) -> str:
+        try:
+            stage.connect()
+        except StageError as why:
+            return f"{'' if 'not locked at start' in str(why) else 'WRONG: '}{why}"
+        return "WRONG: connected"
 
     if hal and not board.terminal:
-        yield "boots Idle, unlocked: refused", look(lambda s: refused(s, "not locked at start"))
+        yield "boots Idle, unlocked: refused", look(unlocked)
     if hal:
         board.change({22: 5})
 

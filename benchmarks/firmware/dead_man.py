@@ -51,17 +51,12 @@ class Relay:
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.url = f"socket://127.0.0.1:{self._listening.getsockname()[1]}"
         self.lose = b""  # the next line that begins so
-        self.mute = False
-        self._out = self._over = self._host_asks = False
+        self.mute = self.pulled = False  # pulled: the host sees the cable gone, the board nothing
+        self._over = self._host_asks = False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def pull(self) -> None:
-        """The cable is out: the host sees it gone, the board nothing."""
-        self._out = True
-
     def close(self) -> None:
-        """Of a trial that is over."""
         self._over = True
         self._thread.join(2)
         self._board.close()
@@ -76,7 +71,7 @@ class Relay:
         hosts = [self._listening]  # the one that is awaited, is there, or none
         with self._listening, suppress(OSError):  # the board has ended
             while not self._over:
-                if self._out and hosts:
+                if self.pulled and hosts:
                     hosts.pop().close()
                 if not self.by_steps and time.monotonic() > asked_s + REPORT_S:
                     asked_s = time.monotonic()
@@ -140,12 +135,8 @@ def trial(board: Board, url: str, fault: str, after_s: float) -> tuple[float, fl
         time.sleep(after_s + (0.05 if comes_to == "press" else 0.0))
         if "killed" in fault:
             host.kill()
-        elif "cable" in fault:
-            relay.pull()
-        elif "lost" in fault:
-            relay.lose = b"ok"
-        else:
-            relay.mute = True
+        relay.pulled, relay.mute = "cable" in fault, "silent" in fault
+        relay.lose = b"ok" * ("lost" in fault)
         begun_s, from_mm = time.monotonic(), relay.depth()[1]
         deepest_mm, above_s, rest_s, last_mm = from_mm, np.inf, begun_s, from_mm
         while host.poll() is None or time.monotonic() - rest_s < 0.5:
@@ -156,9 +147,7 @@ def trial(board: Board, url: str, fault: str, after_s: float) -> tuple[float, fl
             if now_mm < 0 and np.isinf(above_s) and from_mm > 0:
                 above_s = time.monotonic() - begun_s
         said = [line.removeprefix("end ").strip() for line in host.stdout if line[:3] == "end"]
-    if from_mm <= 0:
-        above_s = 0.0
-    return deepest_mm - from_mm, above_s, said[-1] if said else ""
+    return deepest_mm - from_mm, above_s if from_mm > 0 else 0.0, (said or [""])[-1]
 
 
 def steadiness(board: Board, url: str, how: str) -> tuple[float, float, float]:
@@ -190,21 +179,18 @@ def rows(board: Board, moments: int) -> Iterator[tuple[str, str]]:
         for how in ("in pieces", "whole") if n else ():
             steady = [steadiness(board, url, how) for _ in range(n)]
             longer_s, feed, off_mm = max(steady, key=itemgetter(2))
-            yield (
-                f"a press sent {how}, {n} times",
-                f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over its "
-                f"plan{by}",
-            )
+            text = f"{feed:.2f} mm/min, {off_mm:.4f} mm off a steady line, {longer_s:.3f} s over"
+            yield f"a press sent {how}, {n} times", f"{text} its plan{by}"
         for fault, most in FAULTS.items() if n else ():
             n, of_s = min(most, moments), 0.0 if "retract" in fault else PRESS_S
             got = [trial(board, url, fault, of_s * (k + 0.5) / n) for k in range(n)]
             deeper_mm, above_s, last = zip(*got, strict=True)
             ends = sorted({words.partition(":")[0] or "none" for words in last})
             up = f"above the face after {max(above_s):.1f} s at worst"
+            up = up if np.isfinite(max(above_s)) else "it stays in the gel"
             yield (
                 f"{fault}, {n} moments of a press at {FEED_MM_MIN:g} mm/min",
-                f"{'WRONG: ' if max(deeper_mm) > 0.25 else ''}{max(deeper_mm):.3f} mm deeper at "
-                f"worst (median {np.median(deeper_mm):.3f}); "
-                f"{up if np.isfinite(max(above_s)) else 'it stays in the gel'}; "
-                f"the host's last word: {', '.join(ends)}{by}",
+                f"{'WRONG: ' * (max(deeper_mm) > 0.25)}{max(deeper_mm):.3f} mm deeper at worst "
+                f"(median {np.median(deeper_mm):.3f}); {up}; the host's last word: "
+                f"{', '.join(ends)}{by}",
             )

@@ -90,7 +90,7 @@ def test_relay_reports_depth_unheard(terminal: PtyCable, tmp_path: Path) -> None
         assert b"ok" not in host.recv(4096)
         relay.mute = True
         host.sendall(b"$I\n?")
-        relay.pull()
+        relay.pulled = True
         assert host.recv(4096) == b""
     at_s, depth_mm = relay.depth()
     relay.close()

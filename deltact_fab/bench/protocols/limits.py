@@ -64,16 +64,11 @@ class RunEstimate:
         homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
         seconds = pace.connect_s + homing
         for step in steps:
-            seconds += move_duration_s(
-                subtract_vectors(step.target_mm, position),
-                step.feed_mm_min,
-                stage.max_feed_mm_min,
-                stage.acceleration_mm_s2,
-            )
+            delta_mm, limits = subtract_vectors(step.target_mm, position), stage.max_feed_mm_min
+            seconds += move_duration_s(delta_mm, step.feed_mm_min, limits, stage.acceleration_mm_s2)
             seconds += change_s if step.kind == "change" else 0.0
-            seconds += (
-                pace.move_s + step.hold_s + (step.settle_s + pace.frames_s if step.frames else 0.0)
-            )
+            frames_s = step.settle_s + pace.frames_s if step.frames else 0.0
+            seconds += pace.move_s + step.hold_s + frames_s
             position = step.target_mm
         frames = sum(s.frames for s in steps)
         filmed = "image" in protocol.channels

@@ -396,14 +396,8 @@ def _steps(protocol: Protocol) -> Iterator[Step]:
     motion = protocol.motion
     for name in protocol.indenters:
         indenter = parse_indenter(name)
-        yield Step(
-            f"{indenter.slug}/change",
-            f"{indenter.slug}/change",
-            indenter.name,
-            "change",
-            (0.0, 0.0, motion.park_mm),
-            motion.travel_feed_mm_min,
-        )
+        id, park_mm = f"{indenter.slug}/change", (0.0, 0.0, motion.park_mm)
+        yield Step(id, id, indenter.name, "change", park_mm, motion.travel_feed_mm_min)
         for number, (x, y) in enumerate(protocol.positions_mm, start=1):
             yield from _press(protocol, indenter, f"{indenter.slug}/p{number}", x, y)
 

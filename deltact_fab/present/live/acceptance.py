@@ -56,9 +56,7 @@ REST_FRAMES = 100
 LEAST_FRAMES = 10  # fewest images to estimate noise
 BLUR_PATCHES = 0.375  # of a patch: half of the neighbours' contrast remains (MTF50)
 LEAST_BLUR_PX = 1.2  # a Bayer filter and its demosaicing alone blur by nearly a pixel
-MIN_TILE_AGREEMENT = (
-    0.5  # median correlation of tiles with the recipe; other patterns have about 0.3
-)
+MIN_TILE_AGREEMENT = 0.5  # median correlation with the recipe; other patterns: about 0.3
 MAX_TURNED_DEG, MAX_SCALE_ERROR, MAX_KEYSTONE = 3.0, 0.04, 0.06
 MIN_WHITE, MAX_WHITE = 0.2, 0.98  # of full scale, linear
 

@@ -21,9 +21,7 @@ def as_dict(m: MeasuredImage, outlines: bool = False) -> dict[str, Any]:
 
     outlines: with the contacts' outlines, as lists of points in mm.
     """
-    result = m.result
-    contacts = result.contacts
-    force = result.force
+    result, contacts, force = m.result, m.result.contacts, m.result.force
     return {
         "frame": m.source.frame,
         "t_s": round(m.source.t_s, 6),
@@ -108,12 +106,8 @@ class TableColumn:
 
 
 def _columns(kind: str, **texts: str) -> list[TableColumn]:
-    units = {
-        "n": "N",
-        "nmm": "N mm",
-        "mpa": "MPa",
-        **{u: u for u in ("px", "mm", "mm2", "s", "ms")},
-    }
+    units = {"n": "N", "nmm": "N mm", "mpa": "MPa"}
+    units |= {u: u for u in ("px", "mm", "mm2", "s", "ms")}
     ends = {name: units.get(name.rpartition("_")[2], "") for name in texts}
     return [TableColumn(name, kind, ends[name], text) for name, text in texts.items()]
 

@@ -209,13 +209,10 @@ def _page_facts(source: Source, with_force: bool) -> dict[str, object]:
         names, min_range = ["z", "x", "y"], 0.2
         title = "Force on the sensor in N (z < 0: press)"
     return {
-        "source": source.name,
-        "simulated": source.model.simulated,
-        "trace_names": names,
-        "trace_title": title,
-        "trace_least": min_range,
+        "source": source.name, "simulated": source.model.simulated, "trace_names": names,
+        "trace_title": title, "trace_least": min_range,
         "window_s": TRACE_WINDOW_S if source.live else None,
-    }
+    }  # fmt: skip
 
 
 class OutputFolder(MeasurementOutput):

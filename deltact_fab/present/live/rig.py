@@ -77,22 +77,15 @@ def virtual_source(rig_name: str, protocol_name: str, seed: int) -> Source:
     Check.require(rows, source)
     view, flat = request.view, kind.flat(protocol)
     model = SensorModel(
-        view,
-        sensor.skin,
-        flat=None if view is None or flat is None else flat.for_view(view),
-        recipe=request.recipe.model_dump(mode="json"),
-        design=protocol.specimen.design,
-        serial=protocol.specimen.serial,
-        simulated=f"simulated, seed {seed}",
-    )
+        view, sensor.skin, flat=None if view is None or flat is None else flat.for_view(view),
+        recipe=request.recipe.model_dump(mode="json"), design=protocol.specimen.design,
+        serial=protocol.specimen.serial, simulated=f"simulated, seed {seed}",
+    )  # fmt: skip
 
     def frames(rest_only: bool) -> Iterator[CameraFrame]:
         from deltact_fab.simulate import VirtualRig
 
-        with (
-            TemporaryDirectory() as folder,
-            closing(kind.build(request.setup(Path(folder)))) as rig,
-        ):
+        with TemporaryDirectory() as name, closing(kind.build(request.setup(Path(name)))) as rig:
             assert isinstance(rig, VirtualRig), "a real rig has another source"
             yield from _run_steps(request.steps, rig, rest_only)
 

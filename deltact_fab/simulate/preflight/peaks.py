@@ -16,6 +16,7 @@ from deltact_fab.sensor import (
     Indenter,
     SensorDimensions,
     SkinDimensions,
+    flat_punch_n_per_mm,
     parse_indenter,
 )
 
@@ -100,18 +101,13 @@ def press_curve(
 
     Each depth gets the first answer that holds:
 
-    1. `linear`, `hyperelastic`: the one solver of presses (`physics.gel.path`), times one and
-    TOLERANCE, or
-       what the level itself leaves out by its own estimate where that is more, and more in
-       proportion on larger cells than the tolerance requires. The linear level as far as it goes,
-       25 % of the gel; then finite strain on few cells, on more where the tip hides between them or
-       is lost. Coarse cells are stiff, so they err to the safe side as well.
-       Where the indenter cuts into the mesh by over a tenth of the depth, the state counts as one
-       of that much less depth: the force is then reached earlier. Beyond INSIDE, or with the force
-       falling, the mesh has lost the tip and the state is not used.
-    2. `extrapolated`: from the last depth that could be solved, as F (d/d0)^1.7 (h - d0)/(h - d): a
-       sphere's 1.5 and some more, for a layer stiffens, times the thinning of the gel under it;
-       above every curve that was solved.
+    1. `linear`, `hyperelastic`: the solver of presses (`physics.gel.path`), times 1 + FORCE_TOL or
+       the level's own error where that is more, and more in proportion on larger cells. Linear up
+       to 25 % of the gel; then finite strain on few cells, on more where the tip is lost between
+       them. Where the indenter cuts into the mesh, the depth counts as that much less; far inside,
+       or with the force falling, the state is not used.
+    2. `extrapolated`: from the last solved depth, as F (d/d0)^1.7 (h - d0)/(h - d); above every
+       curve that was solved.
     3. `bound`: a flat punch over the whole footprint (`sensor.elasticity.layer`), times h/(h - d);
        also the ceiling of 2.
 
@@ -190,8 +186,6 @@ def _add(curve: list[tuple[float, float]], depth: float, force: float, inside_mm
 
 def _punch_n_per_mm(skin: SkinDimensions, unit: GelMaterial, indenter: Indenter) -> float:
     """Stiffness of a flat punch around all of the indenter on the bonded layer."""
-    from deltact_fab.sensor import flat_punch_n_per_mm
-
     radius = max(math.hypot(t.x_mm, t.y_mm) + max(t.half_mm) for t in indenter.tips)
     return BOUND_MARGIN * flat_punch_n_per_mm(radius, skin.thickness_mm, unit)
 
@@ -247,11 +241,9 @@ class Peak:
         """Plain data, the high side beside the expected one."""
         high = self.high
         return {
-            **asdict(self),
-            "normal_high_n": high.normal_n,
-            "tangential_high_n": high.tangential_n,
-            "moment_high_nmm": high.moment_nmm,
-        }
+            **asdict(self), "normal_high_n": high.normal_n,
+            "tangential_high_n": high.tangential_n, "moment_high_nmm": high.moment_nmm,
+        }  # fmt: skip
 
 
 def predict_peaks(
@@ -326,9 +318,7 @@ def _peak_at(
     if origin_mm is not None:
         moment = _moment_nmm(protocol, indenter, at_mm, depth_mm, normal, side, origin_mm)
     reason = curve.ended if level in ("extrapolated", "bound") else ""
-    return Peak(
-        indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason
-    )  # fmt: skip
+    return Peak(indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason)
 
 
 def _moment_nmm(

@@ -80,16 +80,12 @@ def limits_of(rig: RigConfig, source: str, protocol: Protocol) -> ForceLimits:
             raise InputError(f"{source}: {error}") from error
     declared = force.model_fields_set if force is not None else set()
     return ForceLimits(
-        simulated=rig.simulated,
-        source=source,
-        stage_n=rig.stage.max_force_n,
+        simulated=rig.simulated, source=source, stage_n=rig.stage.max_force_n,
         has_sensor=force is not None or "force" in protocol.channels,
         sensor_n=force.range_n if force and "range_n" in declared else None,
         sensor_nmm=force.range_nmm if force and "range_nmm" in declared else None,
-        origin_mm=force.origin_mm if force else None,
-        guard=guard,
-        guard_keys=keys,
-    )
+        origin_mm=force.origin_mm if force else None, guard=guard, guard_keys=keys,
+    )  # fmt: skip
 
 
 def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
@@ -101,10 +97,8 @@ def force_checks(peaks: Sequence[Peak], limits: ForceLimits) -> list[Check]:
     """
     rows = []
     if missing := limits.undeclared():
-        lines = [
-            f"{limits.source}: {key} is not declared, so the force on it cannot be checked"
-            for key in missing
-        ]
+        text = "is not declared, so the force on it cannot be checked"
+        lines = [f"{limits.source}: {key} {text}" for key in missing]
         row = Check.refusal("force-limits", "force limits", lines)
         rows.append(replace(row, status=graded(limits.simulated, warns=True)))
     for name, limit_loads in (("peak force", _device_loads), ("guard", _guard_loads)):
@@ -146,11 +140,8 @@ def stop_checks(
         fails = stage.stop_force_n(trip_n, feed, stiffness / MODULUS_FACTOR) > limit_n
         status = graded(id == "approach" or not fails, warns=force_n > limit_n)
         label = f"{id} at {feed:.4g} mm/min stopped {late_mm:.2f} mm late, {HIGH_TEXT} (N)"
-        rows.append(
-            Check.at_most(
-                f"stop.{id}", "force after a stop", label, round(force_n, 1), limit_n, press, status
-            )
-        )
+        name, force_n = "force after a stop", round(force_n, 1)
+        rows.append(Check.at_most(f"stop.{id}", name, label, force_n, limit_n, press, status))
     return rows
 
 
@@ -292,10 +283,8 @@ def budget_checks(
     run that goes on.
     """
     slowest = min(steps, key=lambda step: step.feed_mm_min)
-    feed, minimum = (
-        slowest.feed_mm_min,
-        MIN_FEED_MM_MIN if wall_clock else SIMULATED_MIN_FEED_MM_MIN,
-    )
+    feed = slowest.feed_mm_min
+    minimum = MIN_FEED_MM_MIN if wall_clock else SIMULATED_MIN_FEED_MM_MIN
     hours = estimate.seconds / 3600
     existing = next(p for p in (out.absolute(), *out.absolute().parents) if p.exists())
     free_mb, mb = shutil.disk_usage(existing).free / 1e6, max(0.0, estimate.disk_mb - kept_mb)

@@ -83,15 +83,12 @@ class BenchFace:
             depth = radius - height
             self.deepest_mm = max(self.deepest_mm, depth)
             force = self._force_n(touching, depth, at_x, at_y)
-            if force > 0:
-                total += (0, 0, -force, -at_y * force, at_x * force, 0)
+            total += (0, 0, -force, -at_y * force, at_x * force, 0)
         return total
 
     def _force_n(self, touching: _ContactTip, depth_mm: float, x_mm: float, y_mm: float) -> float:
-        if depth_mm <= 0:
-            return 0.0
         half = self._skin.opening_half_mm
-        if abs(x_mm) > half[0] or abs(y_mm) > half[1]:
+        if depth_mm <= 0 or abs(x_mm) > half[0] or abs(y_mm) > half[1]:
             return 0.0
         if not touching.ball_mm:
             return touching.n_per_mm * depth_mm
@@ -113,6 +110,5 @@ def _flat_mm2(tip: Tip) -> float:
     x, y = (np.linspace(-half, half, 201) for half in tip.half_mm)
     grid = np.meshgrid(x + tip.x_mm, y + tip.y_mm)
     # The lowest point of a tilted tip may lie between the points looked at.
-    return float(
-        max((tip.height_mm(*grid) <= FLATNESS_MM).sum(), 1) * (x[1] - x[0]) * (y[1] - y[0])
-    )
+    points = max((tip.height_mm(*grid) <= FLATNESS_MM).sum(), 1)
+    return float(points * (x[1] - x[0]) * (y[1] - y[0]))

@@ -82,10 +82,9 @@ class Carriage:
 
     def count_mm(self, t_ns: int | None = None) -> Point:
         """The controller's own idea of where it is, at rest or at a time."""
-        count = self._count
-        if t_ns is not None and self.moving is not None:
-            count = self._count_at(t_ns)
-        return steps_to_mm(count, self.axes(100))
+        if t_ns is None or self.moving is None:
+            return steps_to_mm(self._count, self.axes(100))
+        return steps_to_mm(self._count_at(t_ns), self.axes(100))
 
     def speed_mm_min(self, t_ns: int) -> float:
         return self.moving.speed_mm_s(t_ns) * 60 if self.moving is not None else 0.0

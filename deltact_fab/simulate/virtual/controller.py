@@ -5,14 +5,11 @@ realtime bytes, the planner's queue, homing, soft limits, alarms, settings, stat
 and Ov now and then. It has no thread and no time of its own: each call first catches up with the
 clock.
 
-Where it is simpler than the firmware:
-- it runs no program: a line of G-code answers error:20. benchmarks/firmware drives what does;
-- it knows millimetres alone: a jog in inches (G20) is refused, and $13 changes no report;
-- every line is a trapezoid from rest to rest, but for a jog that goes straight on: it prolongs the
-  one under way. There is no other look-ahead, so a chain of lines takes longer than on a board;
-- homing comes to rest at the switches instead of running into them;
-- its switches trip within SCATTER_MM of their place, another way at each approach.
-What the firmware itself answered stands in tests/data; a test compares.
+Where it is simpler than the firmware: it runs no G-code (error:20) and knows millimetres alone (G20
+is refused, $13 changes no report); every line is a trapezoid from rest to rest, but for a jog
+straight on, which prolongs the one under way; homing comes to rest at the switches, which trip
+within SCATTER_MM of their place, another way at each approach. What the firmware itself answered
+stands in tests/data; a test compares.
 """
 
 from __future__ import annotations

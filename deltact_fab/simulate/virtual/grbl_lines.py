@@ -56,11 +56,8 @@ def parse_jog(line: str, at_mm: Point) -> tuple[Point, float]:
         raise GrblError(25)
     if unknown := set(values) - set("FNXYZ"):
         raise GrblError(36 if unknown <= set("IJKLPRST") else 20)
-    if values.get("F", 0.0) < 0:
-        raise GrblError(4)
-    feed_mm_min = values.get("F", 0.0)
-    if not feed_mm_min:
-        raise GrblError(22)
+    if (feed_mm_min := values.get("F", 0.0)) <= 0:
+        raise GrblError(4 if feed_mm_min else 22)
     x, y, z = at_mm
     if "91" not in modes or "53" in modes:
         x, y, z = (p if axis not in values else 0.0 for axis, p in zip("XYZ", at_mm, strict=True))
@@ -86,21 +83,16 @@ DEFAULTS_GRBL: dict[int, float] = {
 }  # fmt: skip
 # Passes of grblHAL's homing: the axes of each, 1 for X, 2 for Y, 4 for Z, added up.
 HOMING_PASS_MASKS: dict[int, float] = {44: 4, 45: 3, 46: 0}
-_INTEGER_SETTINGS = frozenset(
-    (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32, *HOMING_PASS_MASKS)
-)
+_INTEGER_SETTINGS = {*range(7), 10, 13, *range(20, 24), 26, 32, *HOMING_PASS_MASKS}
 
 
 def grbl_settings(
     travel_mm: Point, max_feed_mm_min: Point, acceleration_mm_s2: Point
 ) -> dict[int, float]:
     """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
-    settings = dict(DEFAULTS_GRBL)
-    for axis in range(3):
-        settings[110 + axis] = max_feed_mm_min[axis]
-        settings[120 + axis] = acceleration_mm_s2[axis]
-        settings[130 + axis] = travel_mm[axis]
-    return settings
+    limits = {110: max_feed_mm_min, 120: acceleration_mm_s2, 130: travel_mm}
+    own = {first + axis: v for first, per_axis in limits.items() for axis, v in enumerate(per_axis)}
+    return {**DEFAULTS_GRBL, **own}
 
 
 def set_value(settings: dict[int, float], assignment: str) -> None:

@@ -2,9 +2,8 @@
 
 The controller stands behind a pseudo terminal, the force sensor behind sockets, the camera is a
 command that shows images of the face at rest. What presses on the face is felt by closed forms
-(`bench_face`), and nothing of it is seen: this is for rig files, drivers and hands; `run --rig
-virtual` is for experiments. The Net F/T box is that of the virtual rig, at the wall clock: records
-over UDP, the page over HTTP.
+(`bench_face`), and nothing of it is seen. The Net F/T box is that of the virtual rig, at the wall
+clock: records over UDP, the page over HTTP.
 """
 
 from __future__ import annotations

@@ -109,8 +109,7 @@ def test_cancel_while_driver_waits_for_answer() -> None:
         command = stage._c.talk.command
 
         def slowly(line: str, limit_s: float = 1.0) -> list[str]:
-            stage_cancel = Other(stage.cancel)  # before the controller has the line
-            assert stage_cancel.ended() == ""
+            assert Other(stage.cancel).ended() == ""  # before the controller has the line
             return command(line, limit_s)
 
         stage._c.talk.command = slowly  # type: ignore[method-assign]

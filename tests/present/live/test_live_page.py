@@ -99,6 +99,11 @@ def show(page: LivePage, k: int, size: int = 1) -> None:
     page.show(lambda: numbers, lambda: np.full((8, 8, 3), 10 * k, np.uint8), (k, 2 * k, 1))
 
 
+def place(page: LivePage) -> tuple[str, str]:
+    """Path of the page, token included, and its host with port."""
+    return urlsplit(page.url).path, f"127.0.0.1:{page.port}"
+
+
 def ask(page: LivePage, name: str, method: str = "GET", **headers: str) -> tuple[int, bytes]:
     """Status and body of what has this name below the page's address."""
     link = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
@@ -135,9 +140,7 @@ def test_browser_gets_page_picture_and_traces(page: LivePage) -> None:
     for name in ("", "live.css", "live.js", "style.css"):
         status, body = ask(page, name)
         assert status == 200
-        assert b"http://" not in body.replace(
-            b"http://www.w3.org", b""
-        )  # fetches nothing elsewhere
+        assert b"http://" not in body.replace(b"http://www.w3.org", b"")  # nothing from elsewhere
     assert json.loads(ask(page, "about")[1])["trace"] == [[0, 0, 1], [1, 2, 1], [2, 4, 1]]
     picture = cv2.imdecode(np.frombuffer(ask(page, "image.jpg?2")[1], np.uint8), 1)
     assert picture is not None
@@ -167,8 +170,8 @@ def test_foreign_requests_set_nothing(
 ) -> None:
     page, counted = target
     counted.clear()
-    facts: dict[str, Any] = {"host": f"127.0.0.1:{page.port}", "port": page.port, "other": "A" * 22}
-    facts["root"] = urlsplit(page.url).path
+    root, host = place(page)
+    facts: dict[str, Any] = {"root": root, "host": host, "port": page.port, "other": "A" * 22}
     facts["good"] = (GOOD + "\r\n").format(**facts)
     answer = exchange(page, ATTACKS[attack].format(**facts, size=len(facts["good"])))
     assert counted == []
@@ -178,18 +181,18 @@ def test_foreign_requests_set_nothing(
 
 
 def test_one_connection_sets_one_reference(page: LivePage, asked: list[str]) -> None:
-    root, host = urlsplit(page.url).path, f"127.0.0.1:{page.port}"
-    answer = exchange(
-        page, (GOOD + "Connection: keep-alive\r\n\r\n").format(root=root, host=host) * 3
-    )
+    root, host = place(page)
+    request = (GOOD + "Connection: keep-alive\r\n\r\n").format(root=root, host=host)
+    answer = exchange(page, request * 3)
     assert (answer.count("HTTP/1"), asked) == (1, ["reference"])
 
 
 @pytest.mark.parametrize("name", ["", "live.js", "about", "newest?-1", "image.jpg", "nothing"])
 def test_without_token_nothing_is_read(target: tuple[LivePage, list[str]], name: str) -> None:
     show(page := target[0], 7)
-    for root in ("/", "//", "/A/", f"/{'A' * 22}/", f"/?{urlsplit(page.url).path}"):
-        answer = exchange(page, f"GET {root}{name} HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n")
+    own, host = place(page)
+    for root in ("/", "//", "/A/", f"/{'A' * 22}/", f"/?{own}"):
+        answer = exchange(page, f"GET {root}{name} HTTP/1.1\r\nHost: {host}\r\n\r\n")
         head, _, body = answer.partition("\r\n\r\n")
         assert head.startswith("HTTP/1.0 403 ")
         assert body == "open the whole address that was printed"
@@ -208,10 +211,10 @@ def test_every_answer_forbids_frames_and_sniffing(page: LivePage) -> None:
         "Referrer-Policy": "no-referrer", "Cross-Origin-Resource-Policy": "same-origin",
         "Cross-Origin-Opener-Policy": "same-origin", "Cache-Control": "no-store",
     }  # fmt: skip
-    root, own = urlsplit(page.url).path, f" HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n"
-    codes = []
+    (root, host), codes = place(page), []
     for target in (*(f"GET {root}{n}" for n in ("", "about", "nothing")), "GET /", f"PUT {root}"):
-        head = exchange(page, target + own).partition("\r\n\r\n")[0].split("\r\n")
+        answer = exchange(page, f"{target} HTTP/1.1\r\nHost: {host}\r\n\r\n")
+        head = answer.partition("\r\n\r\n")[0].split("\r\n")
         codes.append(head[0].split()[1])
         headers = dict(line.split(": ", 1) for line in head[1:])
         assert headers.items() >= wanted.items()
@@ -253,8 +256,8 @@ def test_stalled_browser_blocks_nothing(page: LivePage) -> None:
     """Every result is some megabytes: more than the buffers between server and browser take."""
     show(page, 0, 1 << 20)
     deaf = connect(page)
-    request = f"GET {urlsplit(page.url).path}newest?-1 HTTP/1.1\r\nHost: 127.0.0.1:{page.port}"
-    deaf.sendall(f"{request}\r\n\r\n".encode())
+    root, host = place(page)
+    deaf.sendall(f"GET {root}newest?-1 HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
     for k in range(1, 8):
         show(page, k, 1 << 20)
         assert newest(page, k - 1)["result"]["frame"] == k

@@ -132,26 +132,11 @@ def test_one_move_at_a_time() -> None:
     assert bench.stage.wait().machine_mm == (-60.0, -50.0, -34.0)
 
 
-def test_an_old_firmware_is_refused() -> None:
-    bench = bench_of(firmware="GRBL 0.9")
-    with pytest.raises(StageError, match=r"Grbl 0\.9j .* not supported: flash GRBL 1\.1"):
-        bench.stage.connect()
-
-
-def test_board_without_restart_is_not_reset() -> None:
-    bench = bench_of(resets_on_open=False)
-    bench.clock.sleep_s(3)
-    bench.homed()
-    assert b"\x18" not in b"".join(bench.sent())
-    bench.stage.close()
-
-
 def test_connecting_stops_a_moving_stage() -> None:
     """A host that was killed left it so: nobody watches that motion."""
     for line, last in ((b"$J=X-50F100\n", b"\x85"), (b"$H\n", b"\x18")):
-        bench = bench_of(resets_on_open=False)
-        bench.clock.sleep_s(3)
-        bench.homed()
+        bench = bench_of(resets_on_open=False).homed(3.0)
+        assert b"\x18" not in b"".join(bench.sent())  # nor was it reset before
         bench.stage.close()
         bench.grbl.write(line)
         bench.clock.sleep_s(1)

@@ -49,14 +49,23 @@ class Bench(hosted.Bench):
         assert math.dist(after, MACHINE_MM) > 40
         return math.dist(before, after)
 
+    def there(self, z_mm: float = TARGET_MM[2]) -> Bench:
+        """At a height above the centre of the face."""
+        self.stage.start_move((*TARGET_MM[:2], z_mm), FEED_MM_MIN)
+        z_mm += MACHINE_MM[2] - TARGET_MM[2]
+        assert self.stage.wait().machine_mm == (*MACHINE_MM[:2], z_mm)
+        return self
+
     def homes_at_once(self) -> None:
         self.stage.home()
         assert self.grbl.position_mm() == (-1.0, -1.0, -1.0)
-        self.stage.start_move(TARGET_MM, FEED_MM_MIN)
-        assert self.stage.wait().machine_mm == MACHINE_MM
+        self.there()
 
 
 COAST_MM = 10**2 / (2 * 50) * 1.3  # v^2/2a along the line, where the axes together brake harder
+
+
+GREETING = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 
 
 def test_a_dropped_ok() -> None:
@@ -71,7 +80,7 @@ def test_a_dropped_ok() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "the controller restarted"),
+        (GREETING, "the controller restarted"),
         (b"ALARM:1\r\n", "ALARM:1 "),
         (b"ALARM:3\r\n", "ALARM:3 "),
         (b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n", "the controller is in Alarm"),
@@ -196,14 +205,12 @@ def test_unresponsive_board_connects_after_reset(asleep: bool) -> None:
     [
         (b"ALARM:9\r\n", r"ALARM:9 \(homing: no switch found\); .*homing: stop sent"),
         (b"error:5\r\n", r"was refused: error:5 \(homing is off"),
-        (b"\r\nGrbl 1.1h ['$' for help]\r\n", "restarted .*homing: stop sent"),
+        (GREETING, "restarted .*homing: stop sent"),
     ],
 )
 def test_failed_homing_is_reset(words: bytes, said: str) -> None:
     bench = Bench()
-    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
-    bench.stage.wait()
-    bench.insert(words, 0.3)
+    bench.there().insert(words, 0.3)
     with pytest.raises(StageError, match=said):
         bench.stage.home()
     assert bench.sent()[-1] == b"\x18"
@@ -239,9 +246,7 @@ def lifted_mm(bench: Bench) -> float | None:
     "fault", ["lost ok", "false banner", "false alarm", "silence that ends", "cable back"]
 )
 def test_tip_lifts_if_position_is_kept(fault: str) -> None:
-    bench = Bench(resets_on_open="cable" not in fault)
-    bench.stage.start_move((0.0, 0.0, 1.0), FEED_MM_MIN)
-    bench.stage.wait()
+    bench = Bench(resets_on_open="cable" not in fault).there(1.0)
     if fault == "lost ok":
         bench.drop(b"ok")
     else:
@@ -252,7 +257,7 @@ def test_tip_lifts_if_position_is_kept(fault: str) -> None:
     elif "cable" in fault:
         bench.link.unplug(for_s=4.0)
     elif fault != "lost ok":
-        bench.insert(b"ALARM:1\r\n" if "alarm" in fault else b"\r\nGrbl 1.1h ['$' for help]\r\n")
+        bench.insert(b"ALARM:1\r\n" if "alarm" in fault else GREETING)
     with pytest.raises(StageError, match=" continues" if "cable" in fault else ": stop sent"):
         bench.stage.start_move((0.0, 0.0, -2.0), 60.0) if "ok" in fault else bench.stage.wait()
     assert bench.grbl.position_mm()[2] > MACHINE_MM[2] - 6.7  # short of the end, at 7
@@ -265,9 +270,7 @@ def test_tip_lifts_if_position_is_kept(fault: str) -> None:
 
 def in_the_gel(bench: Bench) -> Bench:
     """In a slow press, 1.5 s after its start."""
-    bench.stage.start_move((0.0, 0.0, 0.0), FEED_MM_MIN)
-    bench.stage.wait()
-    bench.stage.start_move((0.0, 0.0, -3.0), 60.0)
+    bench.there(0.0).stage.start_move((0.0, 0.0, -3.0), 60.0)
     bench.stage.listen(1.5)
     return bench
 
@@ -323,7 +326,5 @@ def test_second_homing_trips_no_switch() -> None:
         assert bench.stage.lift(25.0, 300.0) is not None
         bench.stage.home()
     assert bench.grbl.position_mm() == (-1.0, -1.0, -1.0)
-    bench.stage.start_move(TARGET_MM, FEED_MM_MIN)
-    bench.stage.wait()
-    assert bench.stage.lift(100.0, 300.0) == pytest.approx(34.0)
+    assert bench.there().stage.lift(100.0, 300.0) == pytest.approx(34.0)
     assert bench.grbl.position_mm()[2] == -1.0

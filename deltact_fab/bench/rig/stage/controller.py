@@ -23,7 +23,7 @@ from .port import Cable, LinkLost, Port
 from .settings import Limits
 
 JOG_CANCEL, FEED_HOLD = b"\x85", b"!"
-STOP_BYTES = {"Jog": JOG_CANCEL, "Run": FEED_HOLD}  # by state
+STOPS_BY_STATE = {"Jog": JOG_CANCEL, "Run": FEED_HOLD}
 # By hand: longer times report a stuck stage later, shorter ones load the line.
 POLL_END_S = 0.02
 STOP_MARGIN_S = 2.0
@@ -265,11 +265,11 @@ class Controller:
                 continue
             if state.state == "Door:1":
                 raise TalkFault("the safety door is open: close it, then try again")
-            if name not in (*STOP_BYTES, "Hold", "Door"):
+            if name not in (*STOPS_BY_STATE, "Hold", "Door"):
                 raise TalkFault(f"the controller is in {state_text(state.state)}; reset it first")
             self.clock.sleep_s(POLL_END_S)
-            if name in STOP_BYTES:  # the first byte is ignored before the jog has begun
-                self.port.write(STOP_BYTES[name])
+            if name in STOPS_BY_STATE:  # the first byte is ignored before the jog has begun
+                self.port.write(STOPS_BY_STATE[name])
 
     def idle_again(self, limit_s: float) -> StageState | None:
         """Wait for rest after a fault, sending stops; None if it does not rest with its count.
@@ -290,8 +290,8 @@ class Controller:
                     return state
                 if state.state in HELD_STATES:
                     self._release(state, counted=True)
-                elif name in STOP_BYTES:
-                    self.port.write(STOP_BYTES[name])
+                elif name in STOPS_BY_STATE:
+                    self.port.write(STOPS_BY_STATE[name])
                 elif name not in ("Hold", "Door") or state.state == "Door:1":
                     return None
             except TalkFault:

@@ -20,8 +20,8 @@ from .controller import (
     JOG_CANCEL,
     PLANNED_AHEAD_S,
     POLL_END_S,
-    STOP_BYTES,
     STOP_MARGIN_S,
+    STOPS_BY_STATE,
     Controller,
     Move,
     in_mm,
@@ -208,8 +208,8 @@ def poll(c: Controller) -> StageState:
             # A hold ends only one jog: send no other.
             c.cancelled |= c.move.was_held(state, HELD_CLEAR_S if c.clear else HELD_S)
             c.move = c.move.retimed(state)
-        if c.cancelled and state.state in STOP_BYTES:  # it came before the jog, or is not heard
-            c.port.write(STOP_BYTES[state.state])
+        if c.cancelled and state.state in STOPS_BY_STATE:  # it came before the jog, or is not heard
+            c.port.write(STOPS_BY_STATE[state.state])
         return state
 
 

@@ -165,9 +165,8 @@ def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Viol
     for first, unit in AXIS_UNITS.items():
         key = minimum_keys.get(first, "")
         minima: Point = getattr(stage, key, (0.0, 0.0, 0.0))
-        for axis, letter in enumerate(AXIS_LETTERS):
-            n, actual = first + axis, s[first + axis]
-            minimum = minima[axis]
+        for n, letter, minimum in zip(range(first, first + 3), AXIS_LETTERS, minima, strict=True):
+            actual = s[n]
             if not actual > 0:
                 yield f"setting-{n}", f"${n}={actual:g} {unit}; not > 0"
             elif actual < minimum - HALF_DIGIT:
@@ -180,8 +179,7 @@ def _numbers(s: Mapping[int, float], stage: StageConfig | None) -> Iterator[Viol
 
 def _motor_checks(s: Mapping[int, float]) -> list[Check]:
     """Warn of motors that are off at rest: a pressed gel pushes the axes back."""
-    delay = s.get(1, ALWAYS_ON)
-    if delay == ALWAYS_ON:
+    if (delay := s.get(1, ALWAYS_ON)) == ALWAYS_ON:
         return []
     text = (
         f"$1={delay:g} (motors are off {delay:g} ms after each move: a gel under load may push "
