@@ -102,7 +102,7 @@ class StopCommands:
 
     cancel: ends a move; hold: ends any motion, if the first did not. ask: requests the status,
     which begins with idle at rest. lift: straight up by lift_mm, within the travel; answered by
-    accepted. lost: begin lines after which nothing may move.
+    accepted. end_marks: in lines after which nothing may move.
     """
 
     cancel: bytes
@@ -112,7 +112,7 @@ class StopCommands:
     lift: bytes
     accepted: bytes
     lift_mm: float
-    lost: tuple[bytes, ...]
+    end_marks: tuple[bytes, ...]
 
 
 def require_past(name: str, stamp_s: float, now_s: float) -> None:

@@ -446,8 +446,8 @@ class GrblController:
     def _home(self) -> Task:
         self._state = "Home"
         self._carriage.catch(self._t)
-        own = [int(self.settings[n]) for n in HOMING_PASS_MASKS if n in self.settings]
-        passes = own or [*self._homing_passes]
+        declared = [int(self.settings[n]) for n in HOMING_PASS_MASKS if n in self.settings]
+        passes = declared or [*self._homing_passes]
         for goal, rate in self._carriage.homing_legs(passes):
             while self._carriage.seek(goal, rate, self._t):
                 yield "still"

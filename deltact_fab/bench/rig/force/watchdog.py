@@ -253,7 +253,7 @@ class _StopLine:
             while expected not in answer and time.monotonic() < answer_s:
                 watch()
                 answer += self._received()
-            if any(text in pending + answer for text in self.commands.lost):
+            if any(text in pending + answer for text in self.commands.end_marks):
                 return False
             if expected in answer or time.monotonic() > end_s:
                 return expected in answer
@@ -333,8 +333,8 @@ class _Server:
             while line.ask("ask", commands.idle, watch, ORPHAN_REST_S):
                 if risen_mm >= ORPHAN_LIFTS * commands.lift_mm:
                     break
-                felt = self._contact_n < force_n < math.inf
-                if not (felt and line.ask("lift", commands.accepted, watch, 0.0)):
+                contact = self._contact_n < force_n < math.inf
+                if not (contact and line.ask("lift", commands.accepted, watch, 0.0)):
                     break
                 risen_mm += commands.lift_mm
         if risen_mm or force_n > self._contact_n:
