@@ -184,7 +184,8 @@ def test_ctrl_c_stops_a_jog(tmp_path: Path) -> None:
             host.send_signal(signal.SIGINT)
             _, err = host.communicate(timeout=30)
         assert host.returncode == 130
-        assert err.startswith("deltact-fab: stopped by the operator at x ")
+        assert err.startswith("deltact-fab: stopped by the operator; the tip was raised by 0.00 mm")
+        assert "no force reading at x " in err
         assert len(err.splitlines()) == 1
         at_mm = it.at_mm()
         assert -10 < at_mm[0] < -0.2

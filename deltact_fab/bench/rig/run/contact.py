@@ -11,7 +11,7 @@ from contextlib import contextmanager, nullcontext, suppress
 
 import numpy as np
 
-from deltact_fab.common import DeltactFabError, InputError, StageError, Stopped, to_ns
+from deltact_fab.common import DeltactFabError, InputError, Point, StageError, Stopped, to_ns
 
 from ..interface import CONTACT_N, LIFT_FEED_MM_MIN, Clock, ForceSensor, Guard, Stage
 
@@ -123,6 +123,12 @@ def _lift(
         step_mm = LIFT_STEP_MM
 
 
+def position_text(position_mm: Point) -> str:
+    """Format a tip position."""
+    x, y, z = (round(p, 3) + 0.0 for p in position_mm)
+    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
+
+
 @contextmanager
 def lift_after_error(
     stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
@@ -140,5 +146,8 @@ def lift_after_error(
         with easing, streaming(clock, force) as felt_n:
             outcome = end_contact(stage, felt_n)
         if isinstance(error, KeyboardInterrupt):
-            raise Stopped(f"stopped by the operator; {outcome}") from error
+            place = ""
+            with suppress(StageError):
+                place = f" at {position_text(stage.position_mm())}"
+            raise Stopped(f"stopped by the operator; {outcome}{place}") from error
         raise type(error)(f"{error}; {outcome}") from error

@@ -20,7 +20,7 @@ from ...protocols.motion import add_vectors
 from ..config import GrblConfig, load_rig
 from ..force.watchdog import Watchdog, open_guarded
 from ..interface import ForceSensor, Guard, Stage, WallClock, move_to
-from ..run.contact import end_contact, lift_after_error, streaming
+from ..run.contact import end_contact, lift_after_error, position_text, streaming
 from ..run.loop import Watch, interruptible, watch_force
 from ..stage.exchange import state_text
 from ..stage.grbl import GrblStage
@@ -100,12 +100,6 @@ def go_to(stage: Stage, target_mm: Point, feed_mm_min: float, into_gel: bool) ->
     stage.check_moves(legs)
     for place_mm, leg_feed_mm_min in legs:
         move_to(stage, place_mm, leg_feed_mm_min)
-
-
-def position_text(position_mm: Point) -> str:
-    """Format a tip position."""
-    x, y, z = (round(p, 3) + 0.0 for p in position_mm)
-    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (sensor)"
 
 
 def _too_low(z_mm: float) -> str:
