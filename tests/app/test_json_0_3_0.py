@@ -130,9 +130,8 @@ def assert_same(old: Any, new: Any, where: str) -> None:
     elif old is None or isinstance(old, bool):
         assert new is old, where
     else:
-        slowest = where.startswith("protocol_") and where.endswith(
-            "[14].bound"
-        )  # what a controller's timer can step
+        # What a controller's timer can step.
+        slowest = re.fullmatch(r"protocol_\w+\[14\].bound", where)
         assert new == pytest.approx(4.0 if slowest else old, rel=0.02, abs=0.02), where
 
 
