@@ -319,6 +319,7 @@ def test_steadily_lost_images_are_refused(size: int, why: str) -> None:
     assert re.search(told, to_the_end(camera)[1])
 
 
+@pytest.mark.slow
 def test_stalled_camera_names_its_lost_images() -> None:
     images = [noise(random.Random(1)), noise(random.Random(2))[:2]]
     arrivals = [stream.FeedImage(image, time.monotonic()) for image in images]

@@ -183,6 +183,7 @@ def test_padded_lines_and_jpeg_are_decoded(look: Any, tmp_path: Path) -> None:
     assert [abs(grey - 100) <= 1 for grey in jpeg["frames"][0][-2:]] == [True, True]
 
 
+@pytest.mark.slow
 def test_damaged_buffer_is_a_lost_image(look: Any, tmp_path: Path) -> None:
     """Of 16 images in turn, all different, one buffer is damaged or unusual."""
     images = [coded(scene(k)) for k in range(16)]
@@ -207,6 +208,7 @@ def test_damaged_buffer_is_a_lost_image(look: Any, tmp_path: Path) -> None:
         assert all(frame[4] == [480, 640, 3] for frame in seen["frames"]), name
 
 
+@pytest.mark.slow
 def test_steadily_damaged_device_is_refused(look: Any, tmp_path: Path) -> None:
     damaged = tmp_path / "damaged.jpg"
     damaged.write_bytes(lost_buffers(coded(scene(1)), b"")["half, end mark"])
