@@ -163,8 +163,7 @@ class StageConfig(Table):
     @property
     def descent_feed_mm_min(self) -> float:
         """Largest feed towards a face that was not touched yet."""
-        accel = self.acceleration_mm_s2[2]
-        delay_s = STOP_DELAY_S
+        accel, delay_s = self.acceleration_mm_s2[2], STOP_DELAY_S
         return 60 * accel * (math.sqrt(delay_s**2 + 2 * UNTOUCHED_STOP_MM / accel) - delay_s)
 
     @property

@@ -24,8 +24,6 @@ UNHASHED_FORMAT = 5  # the format of 0.2.0, in which the metadata have no hashes
 IMPORTED_MARK, UNKNOWN_SENSOR = "imported", "unknown"
 """Mark of an imported run, in run.json and pattern.json; kind of its frames, and their indenter
 if unknown."""
-LATTICE_FILE, LENS_FILE = "truth/lattice.json", "truth/lens.json"
-"""Lattice of the true displacements, and the lens of the rendering; the calibrated one differs."""
 FLAT_FILE = "camera.flat.png"
 """Flat field of a calibrated camera, if it has one."""
 NOTES_FILE = "notes.jsonl"
@@ -53,6 +51,10 @@ def truth_file(name: str, suffix: str = "npz") -> str:
     the face. Without friction all contact slips.
     """
     return f"truth/{name.replace('/', '_')}.{suffix}"
+
+
+LATTICE_FILE, LENS_FILE = truth_file("lattice", "json"), truth_file("lens", "json")
+"""Lattice of the true displacements, and the lens of the rendering; the calibrated one differs."""
 
 
 def metadata_files(folder: Path, at_the_end: bool) -> list[str]:

@@ -128,8 +128,10 @@ class Run:
         """Camera model of the tracked images. Raises InputError without a camera."""
         stored = self.meta["camera"]
         if stored is None:
-            text = "imported without a camera; set `camera` and `design` in the recording file and "
-            text = f"{text}import it again" if self.imported else "recorded without a camera"
+            text = "recorded without a camera"
+            if self.imported:
+                text = "imported without a camera; set `camera` and `design` in the recording file "
+                text += "and import it again"
             raise InputError(f"{self.folder}: {text}")
         source = f"{self.folder}/run.json: camera"
         camera = restore_camera(stored, source)

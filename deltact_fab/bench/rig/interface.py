@@ -100,14 +100,14 @@ class ForceSamples:
 class StopCommands:
     """Bytes by which a process with the stage's port stops it, and lifts the tip.
 
-    cancel: ends a move; hold: ends any motion, if the first did not. ask: requests the status,
+    cancel: ends a move; hold: ends any motion, if the first did not. query: requests the status,
     which begins with idle at rest. lift: straight up by lift_mm, within the travel; answered by
     accepted. end_marks: in lines after which nothing may move.
     """
 
     cancel: bytes
     hold: bytes
-    ask: bytes
+    query: bytes
     idle: bytes
     lift: bytes
     accepted: bytes

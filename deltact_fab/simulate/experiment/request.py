@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -67,8 +68,8 @@ class RunRequest:
         self.protocol, self.source = load_protocol(self.protocol_name, by_hand=True)
         self.rig, self.rig_path = load_rig(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
-        limits_mm_min = () if self.rig.simulated else (self.rig.stage.descent_feed_mm_min,)
-        self.steps = expand_protocol(self.protocol, self.air, *limits_mm_min)
+        descent_feed = math.inf if self.rig.simulated else self.rig.stage.descent_feed_mm_min
+        self.steps = expand_protocol(self.protocol, self.air, descent_feed)
         self.kind = rig_kind(self.rig, self.rig_path)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             for option in ("unattended", "air"):

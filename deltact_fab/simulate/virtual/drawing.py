@@ -99,10 +99,8 @@ class VirtualCamera:
         if self.lens is not None:
             models["lens"] = self.lens
         for name, model in models.items():
-            write_whole(
-                self.folder / truth_file(name, "json"),
-                (json.dumps(model.as_dict()) + "\n").encode(),
-            )
+            file = self.folder / truth_file(name, "json")
+            write_whole(file, (json.dumps(model.as_dict()) + "\n").encode())
         knots = self.scene.knots
         row = {knot.key: k for k, knot in enumerate(knots)}
         fields = [k.displacement_mm for k in knots if k.displacement_mm is not None]

@@ -417,10 +417,8 @@ class FaultBench:
             return VirtualForce(self.box, self.clock, None)
         port = ScalePort(self.clock, lambda t_ns: self._wrenches(t_ns)[:, 2], SCALE_RATE_HZ)
         self.call_at(self.scale_stuck_s, lambda: setattr(port, "stuck", True))
-        table = {
-            "serial": {"port": "simulated", "unit": "g"},
-            "range_n": self.scenario.force.range_n,
-        }
+        range_n = self.scenario.force.range_n
+        table = {"serial": {"port": "simulated", "unit": "g"}, "range_n": range_n}
         return SerialScale(ForceConfig.model_validate(table), self.clock, port)
 
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -91,9 +91,7 @@ def grbl_settings(
 ) -> dict[int, float]:
     """The `$` settings of a stage with these limits; the rest are a bench's usual ones."""
     limits = {110: max_feed_mm_min, 120: acceleration_mm_s2, 130: travel_mm}
-    axes = {
-        first + axis: v for first, per_axis in limits.items() for axis, v in enumerate(per_axis)
-    }
+    axes = {n + axis: v for n, per_axis in limits.items() for axis, v in enumerate(per_axis)}
     return {**DEFAULTS_GRBL, **axes}
 
 

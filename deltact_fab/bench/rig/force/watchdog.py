@@ -330,7 +330,7 @@ class _Server:
 
         with guard.easing():
             watch()
-            while line.ask("ask", commands.idle, watch, ORPHAN_REST_S):
+            while line.ask("query", commands.idle, watch, ORPHAN_REST_S):
                 if risen_mm >= ORPHAN_LIFTS * commands.lift_mm:
                     break
                 contact = self._contact_n < force_n < math.inf

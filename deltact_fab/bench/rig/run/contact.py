@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 
 import numpy as np
 
@@ -91,6 +91,11 @@ def end_contact(
         return f"the tip could NOT be lifted{place}: {error}"
 
 
+def eased(guard: Guard | None) -> AbstractContextManager[None]:
+    """Raise the limits of a guard, if there is one, for a lift."""
+    return nullcontext() if guard is None else guard.easing()
+
+
 def _stops(stage: Stage) -> bool:
     with suppress(StageError):
         stage.stop()
@@ -142,8 +147,7 @@ def lift_after_error(
     except InputError:
         raise
     except (DeltactFabError, KeyboardInterrupt) as error:
-        easing = guard.easing() if guard is not None else nullcontext()
-        with easing, streaming(clock, force) as felt_n:
+        with eased(guard), streaming(clock, force) as felt_n:
             outcome = end_contact(stage, felt_n)
         if isinstance(error, KeyboardInterrupt):
             place = ""

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 
 from deltact_fab.common import DeltactFabError, RunFailed, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import Devices
-from .contact import FeltForce, mean_force_n
+from .contact import FeltForce, eased, mean_force_n
 from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
 from .schedule import POSE_PERIOD_NS, Schedule
 from .streams import FrameRequest
@@ -127,7 +127,7 @@ class ThreadedSchedule(Schedule):
                 loop.ask(lambda: forces_n.append(mean_force_n(clock, stream.force)), LOOP_ANSWER_S)
             return forces_n[-1]
 
-        with guard.easing() if guard is not None else nullcontext():
+        with eased(guard):
             with suppress(SensorError):  # a failed sensor does not prevent the lift
                 loop.ask(stream.force.start, LOOP_ANSWER_S, going=True)
             yield felt_n

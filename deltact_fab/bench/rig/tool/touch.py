@@ -9,7 +9,7 @@ delays. Only the fitted approach is repeated and compared.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from deltact_fab.sensor import EllipsoidTip, Indenter, SphereTip
 
 from ...protocols.motion import WALL_CLOCK_PACE, StageConfig, move_duration_s
 from ..interface import move_to
-from ..run.contact import end_contact
+from ..run.contact import eased, end_contact
 from ..tables import TouchConfig
 from .feeler import PROBE_TARE_S, ForceProbe, rest_duration_s
 
@@ -252,9 +252,7 @@ class ForceTouch:
 
     def _retreat(self, high_mm: float) -> str:
         """End the contact; return the outcome."""
-        feeler, guard = self._feeler, self._feeler.guard
-        easing = guard.easing() if guard is not None else nullcontext()
-        with easing, feeler.restarted_force() as felt_n:
+        with eased(self._feeler.guard), self._feeler.restarted_force() as felt_n:
             return end_contact(self._stage, felt_n, self._config.force_n, high_mm)
 
 
