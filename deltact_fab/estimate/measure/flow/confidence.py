@@ -29,9 +29,11 @@ CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
 DEVIATION_MAX_PX = 0.29
-EDGE_GAP_PX = 3.0
+EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
+OFF_CENTRE_MAX_PX = 6.0
 SUPPORT_SHARE = 0.5
+FILL_SHARE = 0.55  # of the nodes in SUPPORT_PX; by hand: 0.5 extends a straight edge by a node
 TEXTURE_MIN = 2.0  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
@@ -43,11 +45,11 @@ _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
 
 class FlowState(IntEnum):
     LOST = 0
-    """Hidden or out of view, without confident neighbours: a guess."""
+    """Hidden, out of view or without detail, and not between confident nodes: a guess."""
     PREDICTED = 1
-    """Not matched in this image; filled from confident neighbours."""
+    """Not matched in this image; filled from confident nodes on all sides."""
     MATCHED = 2
-    """Matched in this image."""
+    """Confident, or like its confident neighbours."""
 
 
 class ConfidenceEstimator:
@@ -78,7 +80,7 @@ class ConfidenceEstimator:
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE_MODE)
         power = self._means(shrink(fine * fine, 2))
         self.contrast = float(np.sqrt(power.max()))
-        self.textured: Array = self._fine(power) >= TEXTURE_MIN**2
+        self.textured = self._fine((power >= TEXTURE_MIN**2) & self._is_central(plane.gray))
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
         if self._colour:
@@ -119,13 +121,14 @@ class ConfidenceEstimator:
             agreeing &= correlation > GREY_MIN
         return valid, agreeing
 
-    def node_states(self, inside: Array, valid: Array) -> Array:
+    def node_states(self, inside: Array, matched: Array, confident: Array) -> Array:
         """Return the FlowState of each node, (hh, ww) uint8."""
-        state = np.full(valid.shape, FlowState.MATCHED, np.uint8)
-        if not valid.all():
-            guided = (self._near(valid) >= SUPPORT_SHARE) & inside
-            state[~valid] = np.where(guided[~valid], FlowState.PREDICTED, FlowState.LOST)
-        return state
+        # A node at the border lands too near to it to be confident; the next ones bound it.
+        n = EDGE_NODES
+        bounding = np.pad(confident[n:-n, n:-n], n, mode="edge")
+        near = confident | ((self._near(bounding) >= FILL_SHARE) & inside)
+        known = np.where(matched, np.uint8(FlowState.MATCHED), np.uint8(FlowState.PREDICTED))
+        return np.where(near, known, np.uint8(FlowState.LOST))
 
     def converged(self, match: RefinedFlow, valid: Array) -> Array:
         """True where the fit has converged, (hh, ww) bool.
@@ -166,6 +169,21 @@ class ConfidenceEstimator:
         """Fraction of the nodes in SUPPORT_PX around, (hh, ww)."""
         cells = shrink(mask.astype(np.float32), 2)
         return self._fine(cv2.blur(cells, _SUPPORT_CELLS, borderType=_EDGE_MODE))
+
+    def _is_central(self, gray: Array) -> Array:
+        """True for coarse cells around which the detail of a window lies, not at its rim.
+
+        A fit gives the motion of the place where the squared gradients of its window lie.
+        """
+        steps = (cv2.Sobel(gray, cv2.CV_32F, x, 1 - x, borderType=_EDGE_MODE) for x in (1, 0))
+        energy = shrink(sum(step * step for step in steps), _COARSE_PX) + np.float32(1e-3)
+        y, x = (np.arange(n, dtype=np.float32) for n in energy.shape)
+        total, along, down = (
+            cv2.blur(part, _WINDOW_CELLS, borderType=cv2.BORDER_REFLECT)
+            for part in (energy, energy * x, energy * y[:, None])
+        )
+        off = np.hypot(along / total - x, down / total - y[:, None])
+        return np.asarray(off * _COARSE_PX <= OFF_CENTRE_MAX_PX)
 
     def _fine(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
@@ -229,18 +247,17 @@ class FlowObservation:
 class TrackedFrame:
     """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, valid, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
+    flow_px, matched, confident: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
-    over; None if it is not composed. match: result of the fused steps.
+    over; None if it is not composed.
     """
 
     flow_px: Array
-    valid: Array
-    agreeing: Array
+    matched: Array
+    confident: Array
     full_px: Array | None = None
     inside: Array | None = None
     n_reference_switches: int = 0
-    match: RefinedFlow | None = None
 
 
 class PreparedImage(NamedTuple):

@@ -152,7 +152,8 @@ class RenewedTracker:
         valid, agreeing = self.judge.check(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        return TrackedFrame(nodes, valid, agreeing, flow, within, self._switches)
+        confident = self.judge.select_confident(agreeing)
+        return TrackedFrame(nodes, valid, confident, flow, within, self._switches)
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:

@@ -19,11 +19,24 @@ from .confidence import (
     PreparedImage,
     TrackedFrame,
 )
-from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
+from .fused import (
+    COARSE_NODES,
+    Plane,
+    RefinedFlow,
+    RefinementReference,
+    SampledImage,
+    predict,
+    to_full,
+)
 from .renewed import FUSED_METHOD, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
-LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
+LOST_SHARE = 0.1  # of textured nodes; fewer confident: the reference is not in view; decision 0061
+SEARCH_SHARE = 0.02  # of textured nodes; more lost at once are searched for; by hand
+MAX_SEARCHES = 3  # images in a row in which a search finds nothing; by hand
+MAX_ROUNDS = 6  # of a search from neighbours, which gains a window's half each; by hand
+ROUND_SHARE = 0.002  # of textured nodes; a round that gains less is the last; by hand
+LIKE_PX = 1.0  # of what confident neighbours predict; by hand: farther is another match
 
 
 class AnchoredTracker:
@@ -34,7 +47,9 @@ class AnchoredTracker:
         self.judge = judge
         self._previous = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
-        self._is_lost = False
+        self._last_seen = shrink(self._flow, COARSE_NODES)
+        self._n_textured, self._n_agreeing = int(np.count_nonzero(judge.textured)), 0
+        self._n_searches, self._is_lost = 0, False
 
     def ahead(self, plane: Plane) -> Array:
         """Predict the flow in px from the previous image to this one, at coarse nodes."""
@@ -42,25 +57,67 @@ class AnchoredTracker:
         return shrink(predict(previous, plane), COARSE_NODES)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Track one more image. After a lost one, starts from the last good flow and from rest are
-        tried."""
+        """Track one more image.
+
+        Where much of the face is lost at once, it is searched for in this image and the next ones:
+        from rest, from where each node was last seen, and from its neighbours.
+        """
         assert ready.ahead_px is not None, "made by `ahead`"
-        so_far = shrink(self._flow, COARSE_NODES)
-        if self._is_lost:
-            starts = [so_far, shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
-        else:
-            landing = landing_px(so_far * np.float32(0.5 / COARSE_NODES))
-            starts = [so_far + sample(ready.ahead_px, landing)]
-        matches = [self._reference.refine(ready.plane, start) for start in starts]
-        trials = [(*self.judge.check(ready.secondary_match, match), match) for match in matches]
-        valid, agreeing, match = max(trials, key=lambda c: int(np.count_nonzero(c[1])))
-        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
-        flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
-        textured = np.count_nonzero(self.judge.textured)
-        self._is_lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
+        start = shrink(self._flow, COARSE_NODES)
         if not self._is_lost:
-            self._flow = flow
-        return TrackedFrame(flow, valid, agreeing, match=match)
+            landing = landing_px(start * np.float32(0.5 / COARSE_NODES))
+            start += sample(ready.ahead_px, landing)
+        match, valid, agreeing = self._match(ready, start)
+        least_change = SEARCH_SHARE * self._n_textured
+        n_first = int(np.count_nonzero(agreeing))
+        if n_first < self._n_agreeing - least_change:
+            self._n_searches = MAX_SEARCHES
+        if self._n_searches or self._is_lost:
+            match, valid, agreeing = self._search(ready, match, valid, agreeing)
+            gained = np.count_nonzero(agreeing) > n_first + least_change
+            self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
+        agreeing &= self.judge.converged(match, valid)
+        confident = self.judge.select_confident(agreeing)
+        # Gaps are filled from confident nodes only: a valid but wrong match would spread.
+        filled = fill_gaps(match.flow_px, confident, confident)
+        near = cv2.inRange(match.flow_px - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2)
+        matched = confident | (valid & near.view(bool))
+        flow = cv2.copyTo(match.flow_px, matched.view(np.uint8), filled)
+        flow = denoise(flow, match.deviation_px, matched)
+        n = int(np.count_nonzero(confident))
+        self._is_lost = n < LOST_SHARE * self._n_textured
+        if not self._is_lost:
+            self._flow, self._n_agreeing = flow, int(np.count_nonzero(agreeing))
+            seen = shrink(confident.astype(np.float32), COARSE_NODES) > 0.5
+            self._last_seen[seen] = shrink(flow, COARSE_NODES)[seen]
+        return TrackedFrame(flow, matched, confident)
+
+    def _search(
+        self, ready: PreparedImage, match: RefinedFlow, valid: Array, agreeing: Array
+    ) -> tuple[RefinedFlow, Array, Array]:
+        """Search for nodes that do not agree; with their matches, valid and agreeing nodes."""
+        at_rest = shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)
+        starts: list[Array | None] = [at_rest, self._last_seen, *[None] * MAX_ROUNDS]
+        for start in starts:
+            from_neighbours = start is None
+            if start is None:
+                sure = self.judge.select_confident(agreeing)
+                start = shrink(fill_gaps(match.flow_px, sure, sure), COARSE_NODES)
+            found, found_valid, found_agreeing = self._match(ready, start)
+            new = found_agreeing & ~agreeing
+            match = RefinedFlow(*(
+                cv2.copyTo(part, new.view(np.uint8), into)
+                for into, part in zip(match, found, strict=True)
+            ))  # fmt: skip
+            valid, agreeing = valid | new, agreeing | new
+            if from_neighbours and np.count_nonzero(new) < ROUND_SHARE * self._n_textured:
+                break
+        return match, valid, agreeing
+
+    def _match(self, ready: PreparedImage, start: Array) -> tuple[RefinedFlow, Array, Array]:
+        """Refine from a start at coarse nodes; with the valid and the agreeing nodes."""
+        match = self._reference.refine(ready.plane, start)
+        return match, *self.judge.check(ready.secondary_match, match)
 
 
 FlowReference = Literal["anchored", "composed", "summed", "static"]
@@ -167,12 +224,9 @@ class FlowTracker:
         assert self._tracker is not None, "made ready"
         judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
         inside = _inside(flow, shape)
-        confident, agreeing = judge.textured, frame.agreeing
-        if ready.frame:
-            if frame.match is not None:
-                agreeing = agreeing & judge.converged(frame.match, frame.valid)
-            confident = judge.select_confident(agreeing)
-        trusted, state = judge.is_trusted(confident), judge.node_states(inside, frame.valid)
+        confident = frame.confident
+        trusted = judge.is_trusted(confident)
+        state = judge.node_states(inside, frame.matched, confident)
         if self.full:
             flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
             visible = _to_pixels(inside, shape) if frame.inside is None else frame.inside
