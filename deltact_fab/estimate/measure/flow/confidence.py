@@ -28,16 +28,16 @@ KEEP_DET = 0.12
 CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
-DEVIATION_MAX_PX = 0.29
+DEVIATION_MAX_PX = 0.36
 EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
 OFF_CENTRE_MAX_PX = 6.0
 SUPPORT_SHARE = 0.5
 FILL_SHARE = 0.55  # of the nodes in SUPPORT_PX; by hand: 0.5 extends a straight edge by a node
-TEXTURE_MIN = 2.0  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
+TEXTURE_MIN = 0.7  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
-TRUSTED_FLOW_SHARE = 0.25
+TRUSTED_FLOW_SHARE = 0.35
 _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
     (px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX)
 )

@@ -39,6 +39,9 @@ ROUND_SHARE = 0.002  # of textured nodes; a round that gains less is the last; b
 LIKE_PX = 1.0  # of what confident neighbours predict; by hand: farther is another match
 
 
+_Found = tuple[RefinedFlow, Array, Array]
+
+
 class AnchoredTracker:
     """Tracker of one sequence against its first image, of which reference and judge are made."""
 
@@ -67,16 +70,16 @@ class AnchoredTracker:
         if not self._is_lost:
             landing = landing_px(start * np.float32(0.5 / COARSE_NODES))
             start += sample(ready.ahead_px, landing)
-        match, valid, agreeing = self._match(ready, start)
+        found = self._match(ready, start)
         least_change = SEARCH_SHARE * self._n_textured
-        n_first = int(np.count_nonzero(agreeing))
-        if n_first < self._n_agreeing - least_change:
+        n_agreeing = np.count_nonzero(found[2])
+        if n_agreeing < self._n_agreeing - least_change:
             self._n_searches = MAX_SEARCHES
         if self._n_searches or self._is_lost:
-            match, valid, agreeing = self._search(ready, match, valid, agreeing)
-            gained = np.count_nonzero(agreeing) > n_first + least_change
+            found = self._search(ready, found)
+            gained = np.count_nonzero(found[2]) > n_agreeing + least_change
             self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
-        agreeing &= self.judge.converged(match, valid)
+        match, valid, agreeing = found
         confident = self.judge.select_confident(agreeing)
         # Gaps are filled from confident nodes only: a valid but wrong match would spread.
         filled = fill_gaps(match.flow_px, confident, confident)
@@ -84,40 +87,47 @@ class AnchoredTracker:
         matched = confident | (valid & near.view(bool))
         flow = cv2.copyTo(match.flow_px, matched.view(np.uint8), filled)
         flow = denoise(flow, match.deviation_px, matched)
-        n = int(np.count_nonzero(confident))
-        self._is_lost = n < LOST_SHARE * self._n_textured
+        self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
-            self._flow, self._n_agreeing = flow, int(np.count_nonzero(agreeing))
+            self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
             seen = shrink(confident.astype(np.float32), COARSE_NODES) > 0.5
             self._last_seen[seen] = shrink(flow, COARSE_NODES)[seen]
         return TrackedFrame(flow, matched, confident)
 
-    def _search(
-        self, ready: PreparedImage, match: RefinedFlow, valid: Array, agreeing: Array
-    ) -> tuple[RefinedFlow, Array, Array]:
-        """Search for nodes that do not agree; with their matches, valid and agreeing nodes."""
-        at_rest = shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)
-        starts: list[Array | None] = [at_rest, self._last_seen, *[None] * MAX_ROUNDS]
+    def _search(self, ready: PreparedImage, found: _Found) -> _Found:
+        """Search for the nodes that do not agree; of the first find, and as `_match`."""
+        starts = [shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
+        if not self._is_lost:  # else tried: it is the last flow
+            starts.append(self._last_seen)
         for start in starts:
-            from_neighbours = start is None
-            if start is None:
-                sure = self.judge.select_confident(agreeing)
-                start = shrink(fill_gaps(match.flow_px, sure, sure), COARSE_NODES)
-            found, found_valid, found_agreeing = self._match(ready, start)
-            new = found_agreeing & ~agreeing
-            match = RefinedFlow(*(
-                cv2.copyTo(part, new.view(np.uint8), into)
-                for into, part in zip(match, found, strict=True)
-            ))  # fmt: skip
-            valid, agreeing = valid | new, agreeing | new
-            if from_neighbours and np.count_nonzero(new) < ROUND_SHARE * self._n_textured:
+            found = self._add(found, self._match(ready, start))
+        for _ in range(MAX_ROUNDS):
+            match, _, agreeing = found
+            n_agreeing = np.count_nonzero(agreeing)
+            if n_agreeing < LOST_SHARE * self._n_textured:
                 break
-        return match, valid, agreeing
+            confident = self.judge.select_confident(agreeing)
+            start = shrink(fill_gaps(match.flow_px, confident, confident), COARSE_NODES)
+            found = self._add(found, self._match(ready, start))
+            if np.count_nonzero(found[2]) - n_agreeing < ROUND_SHARE * self._n_textured:
+                break
+        return found
 
-    def _match(self, ready: PreparedImage, start: Array) -> tuple[RefinedFlow, Array, Array]:
-        """Refine from a start at coarse nodes; with the valid and the agreeing nodes."""
+    def _match(self, ready: PreparedImage, start: Array) -> _Found:
+        """Refine from a start at coarse nodes; with masks of the valid and the agreeing nodes."""
         match = self._reference.refine(ready.plane, start)
-        return match, *self.judge.check(ready.secondary_match, match)
+        valid, agreeing = self.judge.check(ready.secondary_match, match)
+        return match, valid, agreeing & self.judge.converged(match, valid)
+
+    @staticmethod
+    def _add(found: _Found, other: _Found) -> _Found:
+        """Add the nodes that agree in the other only."""
+        new = other[2] & ~found[2]
+        parts = (
+            cv2.copyTo(part, new.view(np.uint8), into)
+            for into, part in zip(found[0], other[0], strict=True)
+        )
+        return RefinedFlow(*parts), found[1] | new, found[2] | new
 
 
 FlowReference = Literal["anchored", "composed", "summed", "static"]
