@@ -33,7 +33,7 @@ EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
 OFF_CENTRE_MAX_PX = 6.0
 SUPPORT_SHARE = 0.5
-FILL_SHARE = 0.55  # of the nodes in SUPPORT_PX; by hand: 0.5 extends a straight edge by a node
+FILL_SHARE = 0.55  # of SUPPORT_PX around; by hand: 0.5 extends a straight edge by a node
 TEXTURE_MIN = 0.7  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
@@ -102,20 +102,17 @@ class ConfidenceEstimator:
         Both (hh, ww) bool; secondary_match, match: of the current image.
         """
         flow, correlation, deviation, _ = match
-        right, down = (
-            cv2.Sobel(flow, -1, x, 1 - x, ksize=1, scale=0.25, borderType=_EDGE_MODE)
-            for x in (1, 0)
+        (xx, yx), (xy, yy) = (
+            [cv2.Sobel(u, -1, x, 1 - x, ksize=1, scale=0.25, borderType=_EDGE_MODE) for x in (1, 0)]
+            for u in cv2.split(flow)
         )
-        det = (1 + right[..., 0]) * (1 + down[..., 1]) - down[..., 0] * right[..., 1]
-        height, width = self._shape
-        x, y = cv2.split(2 * _landing(flow) + np.float32(0.5))
-        near = np.minimum(
-            np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
-        )
-        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
-        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= EDGE_GAP_PX)
+        landing = landing_nodes(flow)
+        det = (1 + xx) * (1 + yy) - yx * xy
+        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & self.inside(landing)
+        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX)
+        agreeing &= self.inside(landing, EDGE_GAP_PX)
         if self._colour:
-            chroma_ok = self._fine(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            chroma_ok = self._fine(self._chroma(secondary_match, landing) > CHROMA_MIN)
             agreeing &= np.where(self._colourless, correlation > GREY_MIN, chroma_ok)
         else:
             agreeing &= correlation > GREY_MIN
@@ -161,6 +158,13 @@ class ConfidenceEstimator:
             / np.sqrt(np.maximum(self._power, _CHROMA_FLOOR) * np.maximum(power, _CHROMA_FLOOR))
         )
 
+    def inside(self, landing: Array, gap_px: float = 0.0) -> Array:
+        """True for nodes that land inside the image by a gap, (hh, ww) bool."""
+        # Node j lies at pixel 2 j + 1/2.
+        low = gap_px / 2 - 0.25
+        high = tuple((n - 1 - gap_px) / 2 - 0.25 for n in reversed(self._shape))
+        return cv2.inRange(landing, (low, low), high).view(bool)
+
     def _means(self, nodes: Array) -> Array:
         """Means over WINDOW_PX, by coarse cell."""
         return cv2.blur(shrink(nodes, 2), _WINDOW_CELLS, borderType=_EDGE_MODE)
@@ -190,7 +194,7 @@ class ConfidenceEstimator:
         return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
 
 
-def _landing(flow_px: Array) -> Array:
+def landing_nodes(flow_px: Array) -> Array:
     """Positions of the nodes in the current image, (hh, ww, 2) in nodes."""
     return landing_px(flow_px * np.float32(0.5))
 
@@ -247,7 +251,7 @@ class FlowObservation:
 class TrackedFrame:
     """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, matched, confident: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
+    flow_px, matched, confident: on the half grid, see `confidence`. full_px: (h, w, 2), of trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
     over; None if it is not composed.
     """

@@ -18,6 +18,7 @@ from .confidence import (
     FlowObservation,
     PreparedImage,
     TrackedFrame,
+    landing_nodes,
 )
 from .fused import (
     COARSE_NODES,
@@ -233,7 +234,7 @@ class FlowTracker:
         """Third part of an update, which the next image does not need."""
         assert self._tracker is not None, "made ready"
         judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
-        inside = _inside(flow, shape)
+        inside = judge.inside(landing_nodes(flow))
         confident = frame.confident
         trusted = judge.is_trusted(confident)
         state = judge.node_states(inside, frame.matched, confident)
@@ -282,13 +283,6 @@ def _explain_plain(gray: Array) -> str:
         f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
         "of focus, or the skin has no pattern"
     )
-
-
-def _inside(flow: Array, shape: tuple[int, int]) -> Array:
-    """True for nodes that land inside the image (h, w), (hh, ww) bool."""
-    # Node j lies at pixel 2 j + 1/2.
-    high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
-    return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
 
 
 def _to_pixels(nodes: Array, shape: tuple[int, int]) -> Array:

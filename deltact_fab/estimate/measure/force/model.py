@@ -28,9 +28,9 @@ class Wrench:
     """Force and torque on the sensor about the centre of its resting face; a press has Fz < 0.
 
     force_n, torque_nmm (3,) float64, nan where not calibrated. cover: share of the underlying
-    points whose motion is known; 0: nothing was tracked and the wrench is 0. extrapolated: less than
-    MIN_COVER is known, or the features lie outside the training data: the calibration's errors do
-    not apply.
+    points whose motion is known; 0: nothing was tracked and the wrench is 0. extrapolated: the
+    calibration's errors do not apply, as the features lie outside the training data or the cover is
+    below MIN_COVER.
     """
 
     force_n: Array
