@@ -1,6 +1,6 @@
 """The flow on pictures that the product did not draw: an independent tracer, JPEG by Pillow.
 
-`python tests/estimate/measure/test_flow_raytraced.py` prints the table of all scenes.
+As a program, with tests/ on its path, it prints a table of all scenes.
 """
 
 from __future__ import annotations
