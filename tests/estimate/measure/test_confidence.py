@@ -107,12 +107,6 @@ def test_half_covered_view_trusts_visible_half(with_what, sequence):
     assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
 
 
-def wrong_share(seen: Any, truth: Any, is_face: Any, most_px: float) -> float:
-    """Share of the known vectors that are off by more than that, or no vectors of the face."""
-    known = seen.visible & (seen.state > FlowState.LOST)
-    return float(((off_px(seen, truth) > most_px) | ~is_face)[known].mean())
-
-
 @pytest.mark.parametrize("level", [0, 120, 255])
 def test_plain_half_is_not_known(level, sequence):
     images, truths, _ = sequence
@@ -126,31 +120,24 @@ def test_plain_half_is_not_known(level, sequence):
         seen = tracker.update(half)
         # A window at the border holds both.
         is_face = np.arange(W) + truth[..., 0] < W // 2 + WINDOW_PX // 2
-        assert wrong_share(seen, truth, is_face, 0.1 / MM_PER_PX) <= 0.01
+        wrong = (off_px(seen, truth) > 0.1 / MM_PER_PX) | ~is_face
+        assert wrong[seen.visible & (seen.state > FlowState.LOST)].mean() <= 0.01
         assert (seen.state > FlowState.LOST)[20:-20, 20 : W // 2 - 60].mean() > 0.95
 
 
-def test_skin_of_lines_is_known_at_lines(make_bump):
-    """A white skin with a drawn grid: between its lines nothing moves for the camera."""
-    _, x = np.mgrid[:H, :W].astype(np.float32)
-    bump, truths, images = make_bump((230, 180), 90, shear_px=(4.0, -2.0)), [], []
+def test_plain_between_drawn_lines_is_not_known(make_bump):
+    """A white skin with a drawn grid of 90 px, its cells four times as wide as a window."""
+    bump, tracker, x = make_bump((230, 180), 90, shear_px=(4.0, -2.0)), FlowTracker(), np.arange(W)
     for k in range(5):
-        step = bump.scaled(k / 2)
-        at = step.inverse_px(H, W).astype(np.float32)
-        lines = sum(np.exp(-(((at[..., i] + 7) % 52 - 26) ** 2) / 8) for i in (0, 1))
+        at = bump.scaled(k / 2).inverse_px(H, W)
+        lines = sum(np.exp(-(((at[..., i] + 7) % 90 - 45) ** 2) / 8) for i in (0, 1))
+        grey = 200 - 120 * np.minimum(lines, 1) + 10 * np.sin(x / 90)
         noise = np.random.default_rng(k).normal(0, 2.0, (H, W))
-        grey = cv2.GaussianBlur(200 - 120 * np.minimum(lines, 1) + 10 * np.sin(x / 90), (0, 0), 0.8)
-        images.append(np.clip(grey + noise, 0, 255).astype(np.uint8))
-        truths.append(step.flow_px(H, W))
-    tracker = FlowTracker()
-    tracker.update(images[0])
-    for image, truth in zip(images[1:], truths[1:], strict=True):
-        seen = tracker.update(image)
+        seen = tracker.update(np.clip(cv2.GaussianBlur(grey, (0, 0), 0.8) + noise, 0, 255).astype(
+            np.uint8))  # fmt: skip
         known = seen.visible & (seen.state > FlowState.LOST)
-        assert known.any()
-        assert not seen.diagnostics.trusted or wrong_share(seen, truth, x >= 0, 1.0) <= 0.01
-        told_px = np.hypot(*np.moveaxis(seen.flow_px, -1, 0))[known].max()
-        assert told_px <= 1.5 * np.hypot(*np.moveaxis(truth, -1, 0)).max()
+        off = off_px(seen, bump.scaled(k / 2).flow_px(H, W))
+        assert (known & (off > 1)).mean() <= 0.005
 
 
 def test_trust_needs_texture_over_half(sequence):
