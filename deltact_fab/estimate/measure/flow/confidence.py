@@ -28,7 +28,7 @@ KEEP_DET = 0.12
 CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
-DEVIATION_MAX_PX = 0.36
+DEVIATION_MAX_PX, SEEN_MAX_PX = 0.36, 0.7
 EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
 OFF_CENTRE_MAX_PX = 6.0
@@ -45,11 +45,11 @@ _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
 
 class FlowState(IntEnum):
     LOST = 0
-    """Hidden, out of view or without detail, and not between confident nodes: a guess."""
+    """Not seen in this image, nor surrounded by nodes that are: a guess."""
     PREDICTED = 1
-    """Not matched in this image; filled from confident nodes on all sides."""
+    """Filled from seen nodes around."""
     MATCHED = 2
-    """Confident, or like its confident neighbours."""
+    """Seen in this image, or matched and like the seen nodes around."""
 
 
 class ConfidenceEstimator:
@@ -83,6 +83,7 @@ class ConfidenceEstimator:
         self.textured = self._fine((power >= TEXTURE_MIN**2) & self._is_central(plane.gray))
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
+        self._seen_px2: Array = np.float32(DEVIATION_MAX_PX**2)
         if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
             self._mean = [self._means(channel) for channel in self._secondary]
@@ -91,6 +92,7 @@ class ConfidenceEstimator:
             luma = shrink(plane.gray, 2).astype(np.float32)
             contrast = self._means(luma * luma) - self._means(luma) ** 2
             self._colourless = self._fine(self._power < COLOUR_SHARE**2 * contrast)
+            self._seen_px2 = np.where(self._colourless, DEVIATION_MAX_PX, SEEN_MAX_PX) ** 2
 
     def secondary_match(self, image: Array | SampledImage) -> list[Array]:
         """Return chroma planes of the current image (h, w[, 3]) for `check`; none of a grey one."""
@@ -118,17 +120,8 @@ class ConfidenceEstimator:
             agreeing &= correlation > GREY_MIN
         return valid, agreeing
 
-    def node_states(self, inside: Array, matched: Array, confident: Array) -> Array:
-        """Return the FlowState of each node, (hh, ww) uint8."""
-        # A node at the border lands too near to it to be confident; the next ones bound it.
-        n = EDGE_NODES
-        bounding = np.pad(confident[n:-n, n:-n], n, mode="edge")
-        near = confident | ((self._near(bounding) >= FILL_SHARE) & inside)
-        known = np.where(matched, np.uint8(FlowState.MATCHED), np.uint8(FlowState.PREDICTED))
-        return np.where(near, known, np.uint8(FlowState.LOST))
-
-    def converged(self, match: RefinedFlow, valid: Array) -> Array:
-        """True where the fit has converged, (hh, ww) bool.
+    def select(self, match: RefinedFlow, valid: Array, agreeing: Array) -> tuple[Array, Array]:
+        """Select confident and seen nodes, (hh, ww) bool each, of a fit of `fused`.
 
         A single node's step may be 0 by chance, so steps of valid nodes around are averaged.
         """
@@ -136,11 +129,26 @@ class ConfidenceEstimator:
         ahead = shrink(np.where(valid, match.ahead_px2, np.float32(0)), 2)
         n, total = (cv2.blur(a, _FIT_CELLS, borderType=_EDGE_MODE) for a in (weight, ahead))
         rest_px2 = self._fine(total / np.maximum(n, np.float32(1e-3)))
-        return np.asarray(match.deviation_px**2 + rest_px2 < DEVIATION_MAX_PX**2)
+        expected_px2 = match.deviation_px**2 + rest_px2
+        confident = self.supported(agreeing & (expected_px2 < DEVIATION_MAX_PX**2))
+        return confident, self.supported(agreeing & (expected_px2 < self._seen_px2))
 
-    def select_confident(self, agreeing: Array) -> Array:
+    def supported(self, agreeing: Array) -> Array:
         """True for agreeing nodes with enough agreeing nodes around, (hh, ww) bool."""
         return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
+
+    def surround(self, seen: Array) -> Array:
+        """True for seen nodes and those that they surround, (hh, ww) bool."""
+        # A node at the border lands too near to it to be seen; the next ones bound it.
+        n = EDGE_NODES
+        bounding = np.pad(seen[n:-n, n:-n], n, mode="edge")
+        return np.asarray(seen | (self._near(bounding) >= FILL_SHARE))
+
+    def node_states(self, matched: Array, known: Array) -> Array:
+        """Return the FlowState of each node, (hh, ww) uint8."""
+        state = known.astype(np.uint8)
+        state[known & matched] = FlowState.MATCHED
+        return state
 
     def is_trusted(self, confident: Array) -> bool:
         """True if a frame with these confident nodes is trusted."""
@@ -251,13 +259,14 @@ class FlowObservation:
 class TrackedFrame:
     """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, matched, confident: on the half grid, see `confidence`. full_px: (h, w, 2), of trackers
+    flow_px, matched, known, confident: on the half grid. full_px: (h, w, 2), of trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
     over; None if it is not composed.
     """
 
     flow_px: Array
     matched: Array
+    known: Array
     confident: Array
     full_px: Array | None = None
     inside: Array | None = None

@@ -152,8 +152,9 @@ class RenewedTracker:
         valid, agreeing = self.judge.check(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        confident = self.judge.select_confident(agreeing)
-        return TrackedFrame(nodes, valid, confident, flow, within, self._switches)
+        confident = self.judge.supported(agreeing)
+        known = self.judge.surround(confident)
+        return TrackedFrame(nodes, valid, known, confident, flow, within, self._switches)
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:

@@ -37,7 +37,7 @@ SEARCH_SHARE = 0.02  # of textured nodes; more lost at once are searched for; by
 MAX_SEARCHES = 3  # images in a row in which a search finds nothing; by hand
 MAX_ROUNDS = 6  # of a search from neighbours, which gains a window's half each; by hand
 ROUND_SHARE = 0.002  # of textured nodes; a round that gains less is the last; by hand
-LIKE_PX = 1.0  # of what confident neighbours predict; by hand: farther is another match
+LIKE_PX = 1.0  # of what seen neighbours predict; by hand: farther is another match
 
 
 _Found = tuple[RefinedFlow, Array, Array]
@@ -81,19 +81,20 @@ class AnchoredTracker:
             gained = np.count_nonzero(found[2]) > n_agreeing + least_change
             self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
         match, valid, agreeing = found
-        confident = self.judge.select_confident(agreeing)
-        # Gaps are filled from confident nodes only: a valid but wrong match would spread.
-        filled = fill_gaps(match.flow_px, confident, confident)
-        near = cv2.inRange(match.flow_px - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2)
-        matched = confident | (valid & near.view(bool))
-        flow = cv2.copyTo(match.flow_px, matched.view(np.uint8), filled)
-        flow = denoise(flow, match.deviation_px, matched)
+        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
+        flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
+        confident, seen = self.judge.select(match, valid, agreeing)
         self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
             self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
-            seen = shrink(confident.astype(np.float32), COARSE_NODES) > 0.5
-            self._last_seen[seen] = shrink(flow, COARSE_NODES)[seen]
-        return TrackedFrame(flow, matched, confident)
+            coarse = shrink(seen.astype(np.float32), COARSE_NODES) > 0.5
+            self._last_seen[coarse] = shrink(flow, COARSE_NODES)[coarse]
+        # A match that is not seen starts the next image, and is a result only if it is like those.
+        known = self.judge.surround(seen)
+        filled = fill_gaps(flow, seen, seen | ~known)
+        near = cv2.inRange(flow - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2)
+        matched = valid & near.view(bool)
+        return TrackedFrame(cv2.copyTo(flow, near, filled), matched, known, confident)
 
     def _search(self, ready: PreparedImage, found: _Found) -> _Found:
         """Search for the nodes that do not agree; of the first find, and as `_match`."""
@@ -107,8 +108,8 @@ class AnchoredTracker:
             n_agreeing = np.count_nonzero(agreeing)
             if n_agreeing < LOST_SHARE * self._n_textured:
                 break
-            confident = self.judge.select_confident(agreeing)
-            start = shrink(fill_gaps(match.flow_px, confident, confident), COARSE_NODES)
+            _, seen = self.judge.select(*found)
+            start = shrink(fill_gaps(match.flow_px, seen, seen), COARSE_NODES)
             found = self._add(found, self._match(ready, start))
             if np.count_nonzero(found[2]) - n_agreeing < ROUND_SHARE * self._n_textured:
                 break
@@ -118,7 +119,7 @@ class AnchoredTracker:
         """Refine from a start at coarse nodes; with masks of the valid and the agreeing nodes."""
         match = self._reference.refine(ready.plane, start)
         valid, agreeing = self.judge.check(ready.secondary_match, match)
-        return match, valid, agreeing & self.judge.converged(match, valid)
+        return match, valid, agreeing
 
     @staticmethod
     def _add(found: _Found, other: _Found) -> _Found:
@@ -228,7 +229,8 @@ class FlowTracker:
             return self._tracker.step(ready)
         textured = self._tracker.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
-        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
+        everywhere = np.ones(textured.shape, bool)
+        return TrackedFrame(nothing, everywhere, everywhere, textured)
 
     def judge(self, ready: PreparedImage, frame: TrackedFrame) -> FlowObservation:
         """Third part of an update, which the next image does not need."""
@@ -237,7 +239,7 @@ class FlowTracker:
         inside = judge.inside(landing_nodes(flow))
         confident = frame.confident
         trusted = judge.is_trusted(confident)
-        state = judge.node_states(inside, frame.matched, confident)
+        state = judge.node_states(frame.matched, frame.known & inside)
         if self.full:
             flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
             visible = _to_pixels(inside, shape) if frame.inside is None else frame.inside
