@@ -81,20 +81,21 @@ class AnchoredTracker:
             gained = np.count_nonzero(found[2]) > n_agreeing + least_change
             self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
         match, valid, agreeing = found
-        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
-        flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
         confident, seen = self.judge.select(match, valid, agreeing)
+        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
+        filled = fill_gaps(match.flow_px, agreeing, seen)
+        flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
+        flow = denoise(flow, match.deviation_px, valid)
         self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
             self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
             coarse = shrink(seen.astype(np.float32), COARSE_NODES) > 0.5
             self._last_seen[coarse] = shrink(flow, COARSE_NODES)[coarse]
-        # A match that is not seen starts the next image, and is a result only if it is like those.
+        # A match that is not seen starts the next image; a result is what the seen ones predict.
         known = self.judge.surround(seen)
-        filled = fill_gaps(flow, seen, seen | ~known)
-        near = cv2.inRange(flow - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2)
-        matched = valid & near.view(bool)
-        return TrackedFrame(cv2.copyTo(flow, near, filled), matched, known, confident)
+        near = cv2.inRange(flow - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2).view(bool)
+        flow = cv2.copyTo(flow, (near | ~known).view(np.uint8), filled)
+        return TrackedFrame(flow, valid & near, known, confident)
 
     def _search(self, ready: PreparedImage, found: _Found) -> _Found:
         """Search for the nodes that do not agree; of the first find, and as `_match`."""
@@ -108,8 +109,8 @@ class AnchoredTracker:
             n_agreeing = np.count_nonzero(agreeing)
             if n_agreeing < LOST_SHARE * self._n_textured:
                 break
-            _, seen = self.judge.select(*found)
-            start = shrink(fill_gaps(match.flow_px, seen, seen), COARSE_NODES)
+            supported = self.judge.supported(agreeing)
+            start = shrink(fill_gaps(match.flow_px, supported, supported), COARSE_NODES)
             found = self._add(found, self._match(ready, start))
             if np.count_nonzero(found[2]) - n_agreeing < ROUND_SHARE * self._n_textured:
                 break
