@@ -53,18 +53,22 @@ class FlowState(IntEnum):
 
 
 class ConfidenceEstimator:
-    """Rules for valid and confident nodes, with the first image prepared once.
+    """Rules for valid, seen and confident nodes, with the first image prepared once.
 
-    Valid, so that a node keeps its own flow: the tracked channel correlates above KEEP_CORRELATION,
-    it lands inside the image, and the flow around it does not shrink areas below KEEP_DET.
+    Valid, so that a node starts the next image from its own flow: the tracked channel correlates
+    above KEEP_CORRELATION, it lands inside the image, and the flow around it does not shrink areas
+    below KEEP_DET.
 
-    Confident: valid, with a secondary match. In a colour image the fit uses the luma, so the colour
+    Agreeing: valid, with a secondary match. In a colour image the fit uses the luma, so the colour
     differences, which are independent of it, must correlate above CHROMA_MIN over WINDOW_PX. A grey
     image, or a place whose colour varies by less than COLOUR_SHARE, has no secondary match: its
-    correlation must exceed GREY_MIN. In all, the fit's predicted deviation is below
-    DEVIATION_MAX_PX; for `fused`, the remaining steps around are added to it (root mean square
-    over FIT_PX). The node lands EDGE_GAP_PX or more inside the image, and at least
-    SUPPORT_SHARE of the textured nodes in SUPPORT_PX around agree.
+    correlation must exceed GREY_MIN. The window has detail, in its middle. The node lands
+    EDGE_GAP_PX or more inside the image.
+
+    Confident: agreeing, as SUPPORT_SHARE or more of the nodes with detail in SUPPORT_PX around, and
+    the predicted deviation with the remaining steps around (root mean square over FIT_PX, for
+    `fused`) is below DEVIATION_MAX_PX. Seen: the same below SEEN_MAX_PX where there is colour.
+    Known: seen, or FILL_SHARE or more of the nodes around are seen (decision 0083).
 
     A frame is trusted if TEXTURED_SHARE or more of the first image has a standard deviation of
     TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, and TRUSTED_FLOW_SHARE or
