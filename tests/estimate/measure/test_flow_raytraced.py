@@ -171,8 +171,9 @@ def test_known_beside_hair_and_bubble(scene: str, pattern: str) -> None:
 @pytest.mark.slow
 def test_jumped_face_is_found_in_three_images() -> None:
     rows = list(judge("jump", "coarse"))
-    assert all(row.known_wrong <= 0.01 for row in rows), rows
-    assert rows[1].cover < 0.95 < 0.99 <= rows[4].cover, rows
+    print(rows)
+    assert all(row.trusted and row.known_wrong <= 0.01 for row in rows)
+    assert all(row.cover >= 0.99 for row in rows[4:])
 
 
 @pytest.mark.parametrize(
