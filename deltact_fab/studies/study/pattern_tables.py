@@ -14,7 +14,15 @@ from deltact_fab.fabricate import PatternSeries, SeriesEntry
 from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
 from .intervals import Interval, headline
-from .pattern_errors import COMPOSED_FLOW, FLOW_NAMES, OUR_FLOW, SUMMED_FLOW, Measure, PatternErrors
+from .pattern_errors import (
+    COMPOSED_FLOW,
+    FLOW_NAMES,
+    OUR_FLOW,
+    PUBLISHED_FLOW,
+    SUMMED_FLOW,
+    Measure,
+    PatternErrors,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,11 +33,12 @@ TOO_SMALL_MM, SMALL_D_MM = 0.05, 0.075  # paper: too small to print, and the sec
 PAGE_COLUMNS = {
     SUMMED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels"),
     COMPOSED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_pixels"),
+    PUBLISHED_FLOW: ("mm", "moving_mm", "lost_pixels", "renewals"),
     OUR_FLOW: ("mm", "off_mm"),
 }
 """Columns shown on the page; the file has all."""
 PAPER_FLOWS = (SUMMED_FLOW, COMPOSED_FLOW)
-FLOW_LABELS = {SUMMED_FLOW: "summed", COMPOSED_FLOW: "composed", OUR_FLOW: "ours"}
+FLOW_LABELS = dict(zip(FLOW_NAMES, ("summed", "composed", "published", "ours"), strict=True))
 COLUMN_PREFIX: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off_dots": "off_"}
 """Column prefixes: error at all dots, at moving dots, at moving pixels off the dots."""
 
@@ -185,10 +194,11 @@ def _dot_loss(errors: PatternErrors, printed: SeriesEntry) -> float | None:
 
 
 def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
-    """Charts: the paper's tracker in both readings, and ours."""
+    """Charts: the paper's tracker in both readings and as published, and ours."""
     specs: tuple[tuple[str, Measure, str], ...] = (
         (SUMMED_FLOW, "at_dots", "at the dots"),
         (COMPOSED_FLOW, "at_dots", "at the dots"),
+        (PUBLISHED_FLOW, "at_dots", "at the dots"),
         (OUR_FLOW, "off_dots", "of moving pixels off the dots, against truth"),
         (OUR_FLOW, "at_dots", "at the dots"),
     )

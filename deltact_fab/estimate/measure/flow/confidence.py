@@ -231,7 +231,8 @@ class TrackedFrame:
 
     flow_px, valid, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
-    over; None if it is not composed. match: result of the fused steps.
+    over; None if it is not composed. match: result of the fused steps. reused_s: CPU time of flow
+    that another tracker had computed.
     """
 
     flow_px: Array
@@ -241,6 +242,7 @@ class TrackedFrame:
     inside: Array | None = None
     n_reference_switches: int = 0
     match: RefinedFlow | None = None
+    reused_s: float = 0.0
 
 
 class PreparedImage(NamedTuple):

@@ -1,20 +1,20 @@
-"""Flow between two images by named method, and the paper's tracker of a sequence.
+"""Flow between two images by named method, and trackers whose reference is renewed.
 
-Dense Optical Flow and Adaptive Reference, after Du et al. 2021: the reference is renewed during the
-sequence. Baseline for the anchored tracker.
+Dense Optical Flow and Adaptive Reference, after Du et al. 2021: by the paper's text, and as its
+group published it. Baselines for the anchored tracker.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+import time
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 
 from deltact_fab.common import Array, InputError, did_you_mean
 
-from ..compose import compose, is_inside, landing_px, sample
+from ..compose import compose, is_inside, landing_px, sample, shrink
 from .confidence import ConfidenceEstimator, PreparedImage, TrackedFrame
 from .fused import Plane, RefinementReference, SampledImage, to_full, to_gray, to_half
 
@@ -34,22 +34,20 @@ FUSED_METHOD = "fused"  # Dense Inverse Search at half the size, then inverse-co
 class FlowMethod:
     """Flow method for two grey images (h, w) uint8 of one size.
 
-    name: PAPER or one of NAMES; raises InputError for any other. Caches the prepared reference of
-    `fused` and Farneback's last flow, which a summed and a composed tracker that share a method
-    request twice.
+    name: one of NAMES; raises InputError for any other. Caches the prepared reference of `fused`,
+    and the last flow: trackers that share a method compute it once. reused_s: CPU time that the
+    last request saved.
     """
 
-    NAMES = ("farneback-paper", *_DIS_PRESETS, FUSED_METHOD)
-    PAPER = "paper"
-    """The paper's method, Farneback; by default with a summed reference, as the paper's tracker."""
+    NAMES = ("farneback", *_DIS_PRESETS, FUSED_METHOD)
 
     def __init__(self, name: str = FUSED_METHOD) -> None:
-        if name not in (valid_names := (self.PAPER, *self.NAMES)):
-            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, valid_names)}")
-        self.name = name = "farneback-paper" if name == self.PAPER else name
+        if name not in self.NAMES:
+            raise InputError(f"flow method {name!r}: unknown; {did_you_mean(name, self.NAMES)}")
+        self.name, self.reused_s = name, 0.0
         self._dis = cv2.DISOpticalFlow.create(_DIS_PRESETS[name]) if name in _DIS_PRESETS else None
         self._prepared: tuple[Array, RefinementReference] | None = None
-        self._last: tuple[list[bytes | None], Array] | None = None
+        self._last: tuple[list[bytes | None], Array, float] | None = None
 
     @staticmethod
     def prepare(image: Array) -> Array:
@@ -62,20 +60,26 @@ class FlowMethod:
         ref_gray: must not change between calls. initial: (h, w, 2) px initial flow, None for a
         cold start. Returns (h, w, 2) float32 px, never the array passed as initial.
         """
+        key = [None if a is None else a.tobytes() for a in (ref_gray, cur_gray, initial)]
+        if self._last is not None and self._last[0] == key:
+            _, flow, self.reused_s = self._last
+            return flow
+        start_s, self.reused_s = time.process_time(), 0.0
+        flow = self._compute(ref_gray, cur_gray, initial)
+        self._last = key, flow, time.process_time() - start_s
+        return flow
+
+    def _compute(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
         if self.name == FUSED_METHOD:
             return self._fused(ref_gray, cur_gray, initial)
         # cv2 methods write into the initial array, and need it contiguous.
         start: Any = None if initial is None else np.array(initial, dtype=np.float32, order="C")
         if self._dis is not None:
             return self._dis.calc(ref_gray, cur_gray, start)
-        key = [None if image is None else image.tobytes() for image in (ref_gray, cur_gray, start)]
-        if self._last is None or self._last[0] != key:
-            flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-            flow = cv2.calcOpticalFlowFarneback(
-                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK_SETTINGS
-            )
-            self._last = key, flow
-        return self._last[1]
+        flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
+        return cv2.calcOpticalFlowFarneback(
+            ref_gray, cur_gray, start, flags=flags, **_FARNEBACK_SETTINGS
+        )
 
     def _fused(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
         if self._prepared is None or self._prepared[0] is not ref_gray:
@@ -85,14 +89,12 @@ class FlowMethod:
         return to_full(refined.flow_px, ref_gray.shape)
 
 
-CompositionRule = Literal["composed", "summed", "static"]
 LIGHT_SIGMA_PX, BLOB_SIGMA_PX, BLOB_FACTOR = 24.0, 3.0, 3.0  # by hand: larger blobs leave dots in
 SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """By hand: 16, as a periodic pattern of two colours may match itself under one shift."""
 
 
-@dataclass(frozen=True)
-class _Keyframe:
+class _Reference(NamedTuple):
     gray: Array
     flow_px: Array
     inside: Array
@@ -107,14 +109,14 @@ class RenewedTracker:
 
     total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), plain
     superposition; the paper's text allows both. "static" keeps the first image.
-    Each flow starts from the last one against the same reference; after a switch it starts cold.
+    Each flow starts from the last one against the same reference; after a renewal it starts cold.
     first, judge: of the first image, to judge the total flow.
     """
 
     def __init__(
         self,
         method: FlowMethod,
-        total: CompositionRule,
+        total: str,
         image: Array,
         first: RefinementReference,
         judge: ConfidenceEstimator,
@@ -122,10 +124,11 @@ class RenewedTracker:
     ) -> None:
         self._method, self._total = method, total
         self._first, self.judge = first, judge
-        gray = to_gray(image)
-        self.threshold = share * unrelated_difference(gray)
+        self._share = share
+        self._threshold: float | None = None
+        gray = self._view(image)
         zero = np.zeros((*gray.shape, 2), np.float32)
-        self._ref = _Keyframe(gray, zero, np.ones(gray.shape, bool))
+        self._references = [_Reference(gray, zero, np.ones(gray.shape, bool))]
         self._relative: Array | None = None
         self._switches = 0
 
@@ -134,25 +137,100 @@ class RenewedTracker:
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
         assert not isinstance(ready.image, SampledImage), "for the anchored reference only"
-        gray, ref = to_gray(ready.image), self._ref
+        gray = self._view(ready.image)
+        self._go_back(gray)
+        ref = self._references[-1]
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)
         if not self._switches:
             flow = relative
-        elif self._total == "summed":
-            flow = ref.flow_px + relative
-        else:
+        elif self._total == "composed":
             flow = compose(ref.flow_px, relative)
+        else:
+            flow = ref.flow_px + relative
         # Flow that left the image earlier is extrapolated from the border: excluded for good.
-        within = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
-        if self._total != "static" and photometric_error(ref.gray, gray, relative) > self.threshold:
-            self._ref = _Keyframe(gray, flow, within)
+        inside = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
+        if self._total != "static" and self._is_unlike(ref.gray, gray, relative):
+            self._references.append(_Reference(gray, flow, inside))
             self._relative = None
             self._switches += 1
-        nodes = to_half(flow)
+        nodes, full, inside = self._at_nodes(flow, inside)
         valid, agreeing = self.judge.check(
             ready.secondary_match, self._first.evaluate(ready.plane, nodes)
         )
-        return TrackedFrame(nodes, valid, agreeing, flow, within, self._switches)
+        return TrackedFrame(
+            nodes, valid, agreeing, full, inside, self._switches, reused_s=self._method.reused_s
+        )
+
+    def _view(self, image: Array) -> Array:
+        return to_gray(image)
+
+    def _go_back(self, gray: Array) -> None:
+        del self._references[:-1]  # never
+
+    def _is_unlike(self, reference: Array, gray: Array, relative: Array) -> bool:
+        if self._threshold is None:  # by the first image
+            self._threshold = self._share * unrelated_difference(reference)
+        return photometric_error(reference, gray, relative) > self._threshold
+
+    def _at_nodes(self, flow: Array, inside: Array) -> tuple[Array, Array | None, Array]:
+        return to_half(flow), flow, inside
+
+
+# As published, duyipai/Contact-Modelling-with-Gaussian-Density at 767ed98, src/tracker.py.
+COARSE_PX, RENEW_GREY, RETURN_GREY = 20, 18.0, 12.0
+PUBLISHED_FLOW = "dis-medium"
+
+
+class PublishedTracker(RenewedTracker):
+    """Tracker that the paper's group has published, on grey images of half the size.
+
+    A coarse flow, by DIS ultrafast on COARSE_PX x COARSE_PX pixels, warps the image back; where the
+    mean difference to the reference exceeds RENEW_GREY, the image becomes the reference. Each image
+    is first compared with older references, newest first: the first one below RETURN_GREY is taken
+    again, and later ones are dropped. Flows are summed; each starts from the last, cold only after
+    a renewal. The fine flow is that of the published program on a CPU, DIS medium; on a GPU it is
+    Farneback with OpenCV's CUDA defaults.
+    """
+
+    _coarse_flow: Array | None = None
+
+    def _view(self, image: Array) -> Array:
+        return shrink(to_gray(image), 2)
+
+    def _go_back(self, gray: Array) -> None:
+        for k in reversed(range(len(self._references) - 1)):
+            if coarse_difference(self._references[k].gray, gray)[0] < RETURN_GREY:
+                del self._references[k + 1 :]
+                self._switches += 1
+                break
+
+    def _is_unlike(self, reference: Array, gray: Array, relative: Array) -> bool:
+        error, flow = coarse_difference(reference, gray, self._coarse_flow)
+        self._coarse_flow = flow if error <= RENEW_GREY else None
+        return error > RENEW_GREY
+
+    def _at_nodes(self, flow: Array, inside: Array) -> tuple[Array, Array | None, Array]:
+        h, w = self._first.plane.shape
+        return 2 * flow, None, np.repeat(np.repeat(inside, 2, axis=0), 2, axis=1)[:h, :w]
+
+
+def coarse_difference(
+    reference: Array, current: Array, start: Array | None = None
+) -> tuple[float, Array]:
+    """Mean absolute difference, grey levels, of coarse images after the coarse flow, and that flow.
+
+    reference, current: (h, w) uint8, halved. start: a coarse flow.
+    """
+    a, b = (
+        cv2.resize(g, (COARSE_PX, COARSE_PX), interpolation=cv2.INTER_CUBIC)
+        for g in (reference, current)
+    )
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+    initial: Any = None if start is None else start.copy()
+    flow = dis.calc(a, b, initial)
+    x, y = cv2.split(landing_px(flow))
+    warped = cv2.remap(b, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return float(cv2.absdiff(a, warped).mean()), flow
 
 
 def photometric_error(reference: Array, current: Array, flow: Array) -> float:

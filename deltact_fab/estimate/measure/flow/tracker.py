@@ -20,7 +20,7 @@ from .confidence import (
     TrackedFrame,
 )
 from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
-from .renewed import FUSED_METHOD, FlowMethod, RenewedTracker
+from .renewed import FUSED_METHOD, PUBLISHED_FLOW, FlowMethod, PublishedTracker, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
 LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
@@ -63,24 +63,27 @@ class AnchoredTracker:
         return TrackedFrame(flow, valid, agreeing, match=match)
 
 
-FlowReference = Literal["anchored", "composed", "summed", "static"]
+FlowReference = Literal["anchored", "composed", "summed", "static", "published"]
 
 
 class FlowTracker:
     """Total flow through a sequence of images.
 
-    reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
-    (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
-    renew_share: threshold at which those renew their reference.
+    reference: "anchored" (`AnchoredTracker`, by `fused` only), "composed", "summed" and "static"
+    (`RenewedTracker`) by any method, "published" (`PublishedTracker`, by `dis-medium` only); by
+    default anchored for `fused` and composed for the others. renew_share: threshold at which those
+    of `RenewedTracker` renew their reference.
     full: False returns all arrays on the half grid (see `FlowObservation`).
     Raises InputError for unknown names.
     """
 
     REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
+    PAPER = "paper"
+    """Name of the tracker that the paper's group has published."""
     RENEW_SHARE = 0.25
-    """Share of the difference between unrelated views. The paper gives no threshold: at 0.25
-    its order of patterns and nearly its figures come out, at 0.5 not
-    (docs/evidence/study-methods.md)."""
+    """By hand: share of the difference between unrelated views. The paper has a fixed threshold on
+    a coarser flow, as `PublishedTracker`. By this one, on the flow itself, its order of patterns
+    and nearly its figures come out; at 0.5 they do not (docs/evidence/study-methods.md)."""
 
     def __init__(
         self,
@@ -91,8 +94,10 @@ class FlowTracker:
         renew_share: float = RENEW_SHARE,
     ) -> None:
         self.method = FlowMethod(method) if isinstance(method, str) else method
-        fused = self.method.name == FUSED_METHOD
-        available = [k for k in self.REFERENCES if k != "anchored" or fused]
+        needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_FLOW}
+        available = [
+            k for k in self.REFERENCES if self.method.name == needed.get(k, self.method.name)
+        ]
         reference_name = reference or available[0]
         chosen = next((k for k in available if k == reference_name), None)
         if chosen is None:
@@ -108,17 +113,18 @@ class FlowTracker:
 
     @classmethod
     def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-        """Create the tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
+        """Create the tracker PAPER, or `method` or `method/reference`.
 
-        By default `fused` is anchored, `paper` summed, any other method composed. shared: cache of
-        methods by name for several trackers, whose CPU time is then shared too. Raises InputError
-        with the valid names.
+        By default `fused` is anchored, any other method composed. shared: cache of methods by name
+        for several trackers of one sequence, which compute equal flows once. Raises InputError with
+        the valid names.
         """
         method, _, reference = name.partition("/")
-        reference = reference or ("summed" if method == FlowMethod.PAPER else "")
+        if name == cls.PAPER:
+            method, reference = PUBLISHED_FLOW, "published"
         flow_method = FlowMethod(method)
         if shared is not None:
-            flow_method = shared.setdefault(flow_method.name, flow_method)
+            flow_method = shared.setdefault(name if name == cls.PAPER else method, flow_method)
         return cls(flow_method, reference or None)
 
     def update(self, image: Array) -> FlowObservation:
@@ -183,7 +189,7 @@ class FlowTracker:
         share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
         for out in (flow, visible, confident, state):
             out.setflags(write=False)  # some are used for later frames
-        cpu_ms = (time.process_time() - ready.start_s) * 1e3
+        cpu_ms = (time.process_time() - ready.start_s + frame.reused_s) * 1e3
         return FlowObservation(
             flow, visible, confident, state,
             FlowDiagnostics(ready.frame, frame.n_reference_switches, judge.textured_share, trusted,
@@ -202,7 +208,8 @@ class FlowTracker:
         if self.reference == "anchored":
             return AnchoredTracker(first, judge)
         assert not isinstance(image, SampledImage), "for the anchored reference only"
-        return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
+        kind = PublishedTracker if self.reference == "published" else RenewedTracker
+        return kind(self.method, self.reference, image, first, judge, self.renew_share)
 
 
 def _explain_plain(gray: Array) -> str:

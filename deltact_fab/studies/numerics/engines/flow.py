@@ -174,7 +174,7 @@ def _track_far(name: str, scratch: Path) -> Work:
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
-    """Methods on an image pair; trackers through ten frames, by reference mode."""
+    """Methods on an image pair; trackers through ten frames."""
     millimetres = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
         reference_error=PictureGeometry.TOLERANCE_PX * VIEW_MM_PER_PX,
@@ -184,15 +184,10 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
         millimetres(case=PRESS_CASE, series="a pair", name=method, build=partial(_pair, method))
         for method in methods
     ]
-    trackers = [(ref, "fused") for ref in FlowTracker.REFERENCES]
-    trackers += [(ref, "dis-medium") for ref in FlowTracker.REFERENCES if ref != "anchored"]
-    labels: dict[str, tuple[str, str]] = {
-        f"{method}/{ref}": (ref, method) for ref, method in trackers
-    }
-    labels[FlowMethod.PAPER] = ("the paper's", FlowMethod.PAPER)
+    trackers = () if quick else ("fused", "fused/static", "dis-medium", FlowTracker.PAPER)
     return pairs + [
-        millimetres(case=FAR_CASE, series=series, name=name, build=partial(_track_far, tracker))
-        for tracker, (series, name) in ({} if quick else labels).items()
+        millimetres(case=FAR_CASE, series=name, name="ten frames", build=partial(_track_far, name))
+        for name in trackers
     ]
 
 
