@@ -6,7 +6,7 @@
                                               # a pattern
 
 The most that a rule can see is the difference of two prints of a pattern, of other seeds: for the
-published rule, after its coarse flow.
+published rule, after its coarse flow, with the dots in their places and half a pitch off.
 """
 
 from __future__ import annotations
@@ -47,29 +47,32 @@ EDGES, MEAN_GREY = 3.0, 180.0
 edges and sets its exposure itself, by how much is not known."""
 
 
-def seen() -> Iterator[tuple[str, float, float, float, float]]:
-    """Of each pattern of the paper: threshold by the share, and the most that is to be seen, in
-    grey levels: by that rule, by the published one, and by it where edges and exposure are the
-    camera's.
+def seen() -> Iterator[tuple[str, float, float, list[float]]]:
+    """Of each pattern of the paper: threshold by the share, the most that it can see, and the most
+    that the published rule can, in grey levels: with the dots in place and moved, and both where
+    edges and exposure are the camera's.
     """
     geometry, rig = PictureGeometry.resting(SensorDimensions()), load_virtual_rig("virtual")[0]
     camera = replace(rig.virtual.camera, sharpening=EDGES, auto_exposure_grey=MEAN_GREY)
-    rigs = rig.virtual, rig.virtual.model_copy(update={"camera": camera})
+    enhanced = rig.virtual.model_copy(update={"camera": camera})
 
-    def two_prints(recipe: PatternRecipe, of: SimulatorConfig) -> tuple[Image, ...]:
-        recipes = recipe, recipe.model_copy(update={"seed": recipe.seed + 1})
-        return tuple(
-            to_gray(FrameRenderer.printed(geometry, of, one, seed).render(
-                None, FrameRenderer.noise(seed, ""))) for seed, one in enumerate(recipes, start=1)
-        )  # fmt: skip
+    def at_rest_of(recipe: PatternRecipe, of: SimulatorConfig, seed: int) -> Image:
+        recipe = recipe.model_copy(update={"seed": recipe.seed + seed - 1})
+        picture = FrameRenderer.printed(geometry, of, recipe, seed)
+        return to_gray(picture.render(None, FrameRenderer.noise(seed, "")))
 
     for entry in list_series():
-        (own, other), enhanced = (two_prints(entry.recipe, of) for of in rigs)
-        still = np.zeros((*own.shape, 2), np.float32)
+        dots, coarse = entry.recipe.dots, []
+        assert dots is not None, "the paper's patterns have dots"
+        pitch_px = np.array([dots.pitch_y_mm, dots.pitch_x_mm]) / geometry.camera.mm_per_px
+        for of in (enhanced, rig.virtual):
+            own, other = (at_rest_of(entry.recipe, of, seed) for seed in (1, 2))
+            moved = np.roll(other, np.rint(pitch_px / 2).astype(int), (0, 1))
+            views = (shrink(view, 2) for view in (other, moved))
+            coarse = [*(coarse_difference(shrink(own, 2), view)[0] for view in views), *coarse]
         threshold = FlowTracker.RENEW_SHARE * unrelated_difference(own)
-        coarse = [coarse_difference(*(shrink(print_, 2) for print_ in prints))[0]
-                  for prints in ((own, other), enhanced)]  # fmt: skip
-        yield entry.name, threshold, photometric_error(own, other, still), coarse[0], coarse[1]
+        still = np.zeros((*own.shape, 2), np.float32)
+        yield entry.name, threshold, photometric_error(own, other, still), coarse
 
 
 def by_share(press: str) -> Iterator[str]:
@@ -107,10 +110,11 @@ def by_share(press: str) -> Iterator[str]:
 
 def main(words: list[str]) -> None:
     """The table, and that of a press."""
+    rig = f"edges x {1 + EDGES:g}, mean grey {MEAN_GREY:g}"
     print(f"| pattern | threshold, {FlowTracker.RENEW_SHARE:g} of its own | most it can see | "
-          f"published: most of {RENEW_GREY:g} | edges enhanced, mean grey {MEAN_GREY:g} |",
-          "|---" * 5 + "|", sep="\n")  # fmt: skip
-    for name, threshold, most, *coarse in seen():
+          f"published, {RENEW_GREY:g} needed | dots moved | {rig} | dots moved |",
+          "|---" * 7 + "|", sep="\n")  # fmt: skip
+    for name, threshold, most, coarse in seen():
         pairs = [(most, threshold), *((value, RENEW_GREY) for value in coarse)]
         cells = [f"{value:.1f}{' never' if value <= limit else ''}" for value, limit in pairs]
         print(f"| {name} | {threshold:.1f} | {' | '.join(cells)} |", flush=True)

@@ -59,7 +59,7 @@ def started(*words: str, **how: Any) -> Iterator[subprocess.Popen[str]]:
 
 
 def count_calls(work: Callable[[], Any]) -> tuple[Any, Counter[str]]:
-    """What it returns, and the calls of this thread by file and function, `flow/tracker.py update`."""
+    """What it returns, and this thread's calls by file and function, `flow/tracker.py update`."""
     profile = cProfile.Profile()
     result = profile.runcall(work)
     count: Counter[str] = Counter()
