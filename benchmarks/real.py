@@ -218,7 +218,7 @@ def bubble(files: Files) -> list[str]:
         return float(np.nanmedian(np.nanstd(shift[1:REST], axis=0)))
 
     for name in TRACKERS:
-        tracker, (x, y) = FlowTracker.from_name(name), judge.nodes.T
+        tracker, (x, y) = FlowTracker(name), judge.nodes.T
         seen = [tracker.update(image) for image in images]
         found, sure = (np.stack([f[y, x] for f in of]) for of in
                        ([s.flow_px for s in seen], [s.confident for s in seen]))  # fmt: skip

@@ -29,7 +29,7 @@ from deltact_fab.estimate.measure.flow.renewed import (
     photometric_error,
     unrelated_difference,
 )
-from deltact_fab.estimate.measure.flow.tracker import FlowReference, FlowTracker
+from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe
 from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.sensor.shapes.sensor import SensorDimensions
@@ -62,7 +62,8 @@ def seen() -> Iterator[tuple[str, float, float, list[float]]]:
         return to_gray(picture.render(None, FrameRenderer.noise(seed, "")))
 
     for entry in list_series():
-        dots, coarse = entry.recipe.dots, []
+        dots = entry.recipe.dots
+        coarse: list[float] = []
         assert dots is not None, "the paper's patterns have dots"
         pitch_px = np.array([dots.pitch_y_mm, dots.pitch_x_mm]) / geometry.camera.mm_per_px
         for of in (enhanced, rig.virtual):
@@ -80,8 +81,7 @@ def by_share(press: str) -> Iterator[str]:
     scene = Selection.from_request(StudyRequest())
     of = scene.scene
     stream = PressStream(scene.protocol, press, of.sensor, of.rig, of.source)
-    totals: tuple[FlowReference, ...] = ("summed", "composed")
-    ways = [(share, total) for share in SHARES for total in totals]
+    ways = [(share, total) for share in SHARES for total in ("summed", "composed")]
     heads = ["pattern", *(f"{share:g}, {total}" for share, total in ways), "published"]
     yield f"| {' | '.join(heads)} |"
     yield "|---" * len(heads) + "|"
@@ -89,9 +89,10 @@ def by_share(press: str) -> Iterator[str]:
         picture, noise = stream.picture(entry.recipe, 0), stream.noise(0)
         marks = stream.marks(entry.recipe)
         off = off_dots(stream.view, marks.dots_mm, marks.diameter_mm)
-        method = FlowMethod("farneback")
-        trackers = [FlowTracker(method, total, renew_share=share) for share, total in ways]
-        trackers.append(FlowTracker.from_name(FlowTracker.PAPER))
+        shared: dict[str, FlowMethod] = {}
+        trackers = [FlowTracker(f"farneback/{total}", renew_share=share, shared=shared)
+                    for share, total in ways]  # fmt: skip
+        trackers.append(FlowTracker(FlowTracker.PAPER))
         sums, pixels, switches = np.zeros(len(trackers)), 0, [0] * len(trackers)
         for frame in stream.frames():
             image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))

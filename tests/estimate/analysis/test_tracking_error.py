@@ -62,7 +62,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: TrackingResult) -> 
     assert truth is not None
     press = run.frames()
     press = press[press["press"] == "sphere-10/p1"]
-    tracker = FlowTracker.from_name("dis-fast")
+    tracker = FlowTracker("dis-fast")
     for row in press.itertuples():
         seen = tracker.update(run.image(str(row.file)))
         if str(row.step_id).endswith("shear-x+"):

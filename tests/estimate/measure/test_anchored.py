@@ -152,18 +152,18 @@ def test_half_resolution_equals_flow_at_nodes(make_scene, make_bump):
 
 def test_every_name_is_a_tracker():
     for method in FlowMethod.NAMES:
-        default = FlowTracker.from_name(method)
+        default = FlowTracker(method)
         assert default.reference == ("anchored" if method == "fused" else "composed")
-        static = FlowTracker.from_name(f"{method}/static")
+        static = FlowTracker(f"{method}/static")
         assert (static.method.name, static.reference) == (method, "static")
-    paper = FlowTracker.from_name("paper")
+    paper = FlowTracker("paper")
     assert (paper.method.name, paper.reference) == ("dis-medium", "published")
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
-        FlowTracker.from_name("fuse")
+        FlowTracker("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
-        FlowTracker.from_name("fused/statik")
+        FlowTracker("fused/statik")
     with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
-        FlowTracker.from_name("dis-fast/anchored")
+        FlowTracker("dis-fast/anchored")
 
 
 def test_share_renews_on_warped_difference(make_scene, make_bump):
@@ -171,7 +171,7 @@ def test_share_renews_on_warped_difference(make_scene, make_bump):
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
     for share, switches in ((1.0, [0, 0, 0, 0]), (0.0, [1, 2, 3, 4])):
-        seen = follow(images, FlowTracker("farneback", "summed", renew_share=share))
+        seen = follow(images, FlowTracker("farneback/summed", renew_share=share))
         assert [o.diagnostics.n_reference_switches for o in seen[1:]] == switches
 
 
@@ -181,7 +181,7 @@ def test_published_tracker_renews_and_returns():
     first = cv2.resize(blocks, (798, 586), interpolation=cv2.INTER_NEAREST)
     steps = [*range(1, 6), *range(4, -1, -1)]
     images = [first, *(np.roll(first, (25 * k, 40 * k), (0, 1)) for k in steps)]
-    seen = follow(images, FlowTracker.from_name("paper"))
+    seen = follow(images, FlowTracker("paper"))
     switches = [o.diagnostics.n_reference_switches for o in seen]
     assert 0 < switches[5] < switches[-1]
     assert seen[5].flow_px.any()
@@ -194,7 +194,7 @@ def test_published_tracker_renews_and_returns():
 def test_published_thresholds_are_grey_levels(grey, renewed):
     """A plain change of light is a difference that no flow explains."""
     texture = np.random.default_rng(2).integers(60, 120, (256, 320), np.uint8)
-    seen = follow([texture, texture + np.uint8(grey)], FlowTracker.from_name("paper"))
+    seen = follow([texture, texture + np.uint8(grey)], FlowTracker("paper"))
     assert seen[-1].diagnostics.n_reference_switches == renewed
 
 
@@ -206,8 +206,7 @@ def test_equal_flows_are_computed_once(make_scene, make_bump):
     found = []
     for shared, most in ((None, 8), ({}, 4)):
         pair = [
-            FlowTracker.from_name(f"farneback/{total}", shared=shared)
-            for total in ("summed", "composed")
+            FlowTracker(f"farneback/{total}", shared=shared) for total in ("summed", "composed")
         ]
         seen, calls = count_calls(lambda of=pair: [[t.update(i) for t in of] for i in images])
         assert calls["~ <calcOpticalFlowFarneback>"] == most

@@ -63,7 +63,7 @@ class TrackingPlan:
         """
         methods = list(dict.fromkeys(map(_current_name, methods or ())))
         for name in methods:
-            FlowTracker.from_name(name)
+            FlowTracker(name)
         n_dots = len(run.dots_mm())
         if run.pattern["recipe"]["law"] == cls.DOTS_ONLY_LAW:
             if methods:
@@ -106,7 +106,7 @@ class Follower:
         self.left_out: list[str] = []
         shared: dict[str, FlowMethod] = {}
         names = [name for name in plan.methods if name != DOTS_METHOD]
-        self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
+        self._flows = {name: FlowTracker(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._has_reference = False

@@ -65,21 +65,19 @@ class FlowMethod:
             _, flow, self.reused_s = self._last
             return flow
         start_s, self.reused_s = time.process_time(), 0.0
-        flow = self._compute(ref_gray, cur_gray, initial)
-        self._last = key, flow, time.process_time() - start_s
-        return flow
-
-    def _compute(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
-        if self.name == FUSED_METHOD:
-            return self._fused(ref_gray, cur_gray, initial)
         # cv2 methods write into the initial array, and need it contiguous.
         start: Any = None if initial is None else np.array(initial, dtype=np.float32, order="C")
-        if self._dis is not None:
-            return self._dis.calc(ref_gray, cur_gray, start)
-        flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
-        return cv2.calcOpticalFlowFarneback(
-            ref_gray, cur_gray, start, flags=flags, **_FARNEBACK_SETTINGS
-        )
+        if self.name == FUSED_METHOD:
+            flow = self._fused(ref_gray, cur_gray, start)
+        elif self._dis is not None:
+            flow = self._dis.calc(ref_gray, cur_gray, start)
+        else:
+            flags = cv2.OPTFLOW_USE_INITIAL_FLOW if start is not None else 0
+            flow = cv2.calcOpticalFlowFarneback(
+                ref_gray, cur_gray, start, flags=flags, **_FARNEBACK_SETTINGS
+            )
+        self._last = key, flow, time.process_time() - start_s
+        return flow
 
     def _fused(self, ref_gray: Array, cur_gray: Array, initial: Array | None) -> Array:
         if self._prepared is None or self._prepared[0] is not ref_gray:
@@ -94,6 +92,10 @@ SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 """By hand: 16, as a periodic pattern of two colours may match itself under one shift."""
 
 
+# As published: duyipai/Contact-Modelling-with-Gaussian-Density at 767ed98, src/tracker.py.
+PUBLISHED_FLOW, COARSE_PX, RENEW_GREY, RETURN_GREY = "dis-medium", 20, 18.0, 12.0
+
+
 class _Reference(NamedTuple):
     gray: Array
     flow_px: Array
@@ -101,15 +103,20 @@ class _Reference(NamedTuple):
 
 
 class RenewedTracker:
-    """Tracker of one sequence with a renewed reference.
-
-    The current image, warped back by its flow, is compared with the reference; if they differ by
-    more than `share` of the difference of unrelated views of the pattern (mean absolute, grey
-    levels, at full size), the current image becomes the reference.
+    """Tracker of one sequence with a renewed reference: an image that differs from it too much
+    becomes the reference. Flows start from the last one; after a renewal from nothing.
 
     total: "composed" F(x) = F_ref(x) + f(x + F_ref(x)); "summed" F_ref(x) + f(x), plain
-    superposition; the paper's text allows both. "static" keeps the first image.
-    Each flow starts from the last one against the same reference; after a renewal it starts cold.
+    superposition; the paper's text allows both. Renewed where the image, warped back by its flow,
+    differs by more than `share` of the difference of unrelated views (mean absolute, grey levels,
+    at full size). "static" keeps the first image.
+
+    "published": the rule of the paper's group, summed, on images of half the size. Renewed where
+    the image, warped back by a flow on COARSE_PX x COARSE_PX pixels, differs by more than
+    RENEW_GREY. Before, the newest of the older references that differ by less than RETURN_GREY is
+    taken again, and later ones are dropped. The fine flow is the program's on a CPU; on a GPU it is
+    Farneback with the defaults of OpenCV's CUDA version.
+
     first, judge: of the first image, to judge the total flow.
     """
 
@@ -122,14 +129,14 @@ class RenewedTracker:
         judge: ConfidenceEstimator,
         share: float,
     ) -> None:
-        self._method, self._total = method, total
+        self._method, self._total, self._published = method, total, total == "published"
         self._first, self.judge = first, judge
-        self._share = share
-        self._threshold: float | None = None
         gray = self._view(image)
+        self._threshold = RENEW_GREY if self._published else share * unrelated_difference(gray)
         zero = np.zeros((*gray.shape, 2), np.float32)
         self._references = [_Reference(gray, zero, np.ones(gray.shape, bool))]
         self._relative: Array | None = None
+        self._coarse: Array | None = None
         self._switches = 0
 
     def ahead(self, plane: Plane) -> None:
@@ -138,7 +145,7 @@ class RenewedTracker:
     def step(self, ready: PreparedImage) -> TrackedFrame:
         assert not isinstance(ready.image, SampledImage), "for the anchored reference only"
         gray = self._view(ready.image)
-        self._go_back(gray)
+        self._choose_reference(gray)
         ref = self._references[-1]
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)
         if not self._switches:
@@ -149,69 +156,36 @@ class RenewedTracker:
             flow = ref.flow_px + relative
         # Flow that left the image earlier is extrapolated from the border: excluded for good.
         inside = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
-        if self._total != "static" and self._is_unlike(ref.gray, gray, relative):
+        if self._total != "static" and self._error(ref.gray, gray, relative) > self._threshold:
             self._references.append(_Reference(gray, flow, inside))
-            self._relative = None
+            self._relative = self._coarse = None
             self._switches += 1
-        nodes, full, inside = self._at_nodes(flow, inside)
-        valid, agreeing = self.judge.check(
-            ready.secondary_match, self._first.evaluate(ready.plane, nodes)
-        )
-        return TrackedFrame(
-            nodes, valid, agreeing, full, inside, self._switches, reused_s=self._method.reused_s
-        )
+        nodes, full = (2 * flow, None) if self._published else (to_half(flow), flow)
+        if self._published:
+            h, w = ready.plane.shape
+            inside = inside.repeat(2, axis=0).repeat(2, axis=1)[:h, :w]
+        match = self._first.evaluate(ready.plane, nodes)
+        masks, reused_s = self.judge.check(ready.secondary_match, match), self._method.reused_s
+        return TrackedFrame(nodes, *masks, full, inside, self._switches, reused_s=reused_s)
 
     def _view(self, image: Array) -> Array:
-        return to_gray(image)
+        return shrink(to_gray(image), 2) if self._published else to_gray(image)
 
-    def _go_back(self, gray: Array) -> None:
-        del self._references[:-1]  # never
-
-    def _is_unlike(self, reference: Array, gray: Array, relative: Array) -> bool:
-        if self._threshold is None:  # by the first image
-            self._threshold = self._share * unrelated_difference(reference)
-        return photometric_error(reference, gray, relative) > self._threshold
-
-    def _at_nodes(self, flow: Array, inside: Array) -> tuple[Array, Array | None, Array]:
-        return to_half(flow), flow, inside
-
-
-# As published, duyipai/Contact-Modelling-with-Gaussian-Density at 767ed98, src/tracker.py.
-COARSE_PX, RENEW_GREY, RETURN_GREY = 20, 18.0, 12.0
-PUBLISHED_FLOW = "dis-medium"
-
-
-class PublishedTracker(RenewedTracker):
-    """Tracker that the paper's group has published, on grey images of half the size.
-
-    A coarse flow, by DIS ultrafast on COARSE_PX x COARSE_PX pixels, warps the image back; where the
-    mean difference to the reference exceeds RENEW_GREY, the image becomes the reference. Each image
-    is first compared with older references, newest first: the first one below RETURN_GREY is taken
-    again, and later ones are dropped. Flows are summed; each starts from the last, cold only after
-    a renewal. The fine flow is that of the published program on a CPU, DIS medium; on a GPU it is
-    Farneback with OpenCV's CUDA defaults.
-    """
-
-    _coarse_flow: Array | None = None
-
-    def _view(self, image: Array) -> Array:
-        return shrink(to_gray(image), 2)
-
-    def _go_back(self, gray: Array) -> None:
+    def _choose_reference(self, gray: Array) -> None:
+        """Drop older references, or go back to one of them."""
+        if not self._published:
+            del self._references[:-1]
         for k in reversed(range(len(self._references) - 1)):
             if coarse_difference(self._references[k].gray, gray)[0] < RETURN_GREY:
                 del self._references[k + 1 :]
                 self._switches += 1
                 break
 
-    def _is_unlike(self, reference: Array, gray: Array, relative: Array) -> bool:
-        error, flow = coarse_difference(reference, gray, self._coarse_flow)
-        self._coarse_flow = flow if error <= RENEW_GREY else None
-        return error > RENEW_GREY
-
-    def _at_nodes(self, flow: Array, inside: Array) -> tuple[Array, Array | None, Array]:
-        h, w = self._first.plane.shape
-        return 2 * flow, None, np.repeat(np.repeat(inside, 2, axis=0), 2, axis=1)[:h, :w]
+    def _error(self, reference: Array, gray: Array, relative: Array) -> float:
+        if not self._published:
+            return photometric_error(reference, gray, relative)
+        error, self._coarse = coarse_difference(reference, gray, self._coarse)
+        return error
 
 
 def coarse_difference(
@@ -221,12 +195,9 @@ def coarse_difference(
 
     reference, current: (h, w) uint8, halved. start: a coarse flow.
     """
-    a, b = (
-        cv2.resize(g, (COARSE_PX, COARSE_PX), interpolation=cv2.INTER_CUBIC)
-        for g in (reference, current)
-    )
-    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-    initial: Any = None if start is None else start.copy()
+    size, initial = (COARSE_PX, COARSE_PX), None if start is None else start.copy()
+    a, b = (cv2.resize(g, size, interpolation=cv2.INTER_CUBIC) for g in (reference, current))
+    dis: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
     flow = dis.calc(a, b, initial)
     x, y = cv2.split(landing_px(flow))
     warped = cv2.remap(b, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

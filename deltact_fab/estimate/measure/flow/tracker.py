@@ -20,7 +20,7 @@ from .confidence import (
     TrackedFrame,
 )
 from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
-from .renewed import FUSED_METHOD, PUBLISHED_FLOW, FlowMethod, PublishedTracker, RenewedTracker
+from .renewed import FUSED_METHOD, PUBLISHED_FLOW, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
 LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
@@ -69,12 +69,12 @@ FlowReference = Literal["anchored", "composed", "summed", "static", "published"]
 class FlowTracker:
     """Total flow through a sequence of images.
 
-    reference: "anchored" (`AnchoredTracker`, by `fused` only), "composed", "summed" and "static"
-    (`RenewedTracker`) by any method, "published" (`PublishedTracker`, by `dis-medium` only); by
-    default anchored for `fused` and composed for the others. renew_share: threshold at which those
-    of `RenewedTracker` renew their reference.
-    full: False returns all arrays on the half grid (see `FlowObservation`).
-    Raises InputError for unknown names.
+    name: PAPER, a method, or method/reference: "anchored" (`AnchoredTracker`, by `fused` only),
+    "composed", "summed", "static" or, by `dis-medium` only, "published" (`RenewedTracker`); by
+    default anchored for `fused` and composed for the others. renew_share: see `RenewedTracker`.
+    full: False returns all arrays on the half grid (see `FlowObservation`). shared: methods by name
+    of several trackers of one sequence, which compute equal flows once.
+    Raises InputError with the valid names.
     """
 
     REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
@@ -82,50 +82,34 @@ class FlowTracker:
     """Name of the tracker that the paper's group has published."""
     RENEW_SHARE = 0.25
     """By hand: share of the difference between unrelated views. The paper has a fixed threshold on
-    a coarser flow, as `PublishedTracker`. By this one, on the flow itself, its order of patterns
+    a coarser flow, as the published tracker. By this one, on the flow itself, its order of patterns
     and nearly its figures come out; at 0.5 they do not (docs/evidence/study-methods.md)."""
 
     def __init__(
         self,
-        method: FlowMethod | str = FUSED_METHOD,
-        reference: str | None = None,
+        name: str = FUSED_METHOD,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
+        shared: dict[str, FlowMethod] | None = None,
     ) -> None:
-        self.method = FlowMethod(method) if isinstance(method, str) else method
+        current = f"{PUBLISHED_FLOW}/published" if name == self.PAPER else name
+        method, _, reference = current.partition("/")
+        own = FlowMethod(method)
+        self.method = own if shared is None else shared.setdefault(name.partition("/")[0], own)
         needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_FLOW}
-        available = [
-            k for k in self.REFERENCES if self.method.name == needed.get(k, self.method.name)
-        ]
-        reference_name = reference or available[0]
-        chosen = next((k for k in available if k == reference_name), None)
+        available = [k for k in self.REFERENCES if needed.get(k, method) == method]
+        chosen = next((k for k in available if k == (reference or available[0])), None)
         if chosen is None:
             raise InputError(
-                f"flow reference {reference_name!r} of {self.method.name!r}: not available; "
-                f"{did_you_mean(reference_name, available)}"
+                f"flow reference {reference!r} of {method!r}: not available; "
+                f"{did_you_mean(reference, available)}"
             )
         self.reference = chosen
         self.full, self.renew_share = full, renew_share
         self._tracker: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()
         self._frame = 0
-
-    @classmethod
-    def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-        """Create the tracker PAPER, or `method` or `method/reference`.
-
-        By default `fused` is anchored, any other method composed. shared: cache of methods by name
-        for several trackers of one sequence, which compute equal flows once. Raises InputError with
-        the valid names.
-        """
-        method, _, reference = name.partition("/")
-        if name == cls.PAPER:
-            method, reference = PUBLISHED_FLOW, "published"
-        flow_method = FlowMethod(method)
-        if shared is not None:
-            flow_method = shared.setdefault(name if name == cls.PAPER else method, flow_method)
-        return cls(flow_method, reference or None)
 
     def update(self, image: Array) -> FlowObservation:
         """Track one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -208,8 +192,7 @@ class FlowTracker:
         if self.reference == "anchored":
             return AnchoredTracker(first, judge)
         assert not isinstance(image, SampledImage), "for the anchored reference only"
-        kind = PublishedTracker if self.reference == "published" else RenewedTracker
-        return kind(self.method, self.reference, image, first, judge, self.renew_share)
+        return RenewedTracker(self.method, self.reference, image, first, judge, self.renew_share)
 
 
 def _explain_plain(gray: Array) -> str:
