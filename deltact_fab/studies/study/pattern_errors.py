@@ -21,16 +21,14 @@ from . import intervals
 from .intervals import Interval
 
 Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
-SUMMED_FLOW, COMPOSED_FLOW = "farneback/summed", "farneback/composed"
-PUBLISHED_FLOW, OUR_FLOW = FlowTracker.PAPER, "fused"
+SUMMED_FLOW, COMPOSED_FLOW, OUR_FLOW = "farneback/summed", "farneback/composed", "fused"
 FLOW_NAMES = {
     SUMMED_FLOW: "the paper's text, summed",
     COMPOSED_FLOW: "the paper's text, composed",
-    PUBLISHED_FLOW: "the tracker of its group",
+    FlowTracker.PAPER: "the tracker of its group",
     OUR_FLOW: "our tracker",
 }
-"""The text's "superposition" of flows may be a sum at fixed pixels or a composition; the program
-that the paper's group has published sums flows of images of half the size."""
+"""The text's "superposition" of flows may be a sum at fixed pixels or a composition."""
 MIN_DRAG_FRAMES = 3
 """By hand: frames at one depth that make it a depth of drags; fewer take in the way down."""
 DRAG_EDGES_MM = (0.0, 1.0, 2.0, 4.0, 7.0)

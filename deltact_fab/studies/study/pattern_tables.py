@@ -14,15 +14,7 @@ from deltact_fab.fabricate import PatternSeries, SeriesEntry
 from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
 from .intervals import Interval, headline
-from .pattern_errors import (
-    COMPOSED_FLOW,
-    FLOW_NAMES,
-    OUR_FLOW,
-    PUBLISHED_FLOW,
-    SUMMED_FLOW,
-    Measure,
-    PatternErrors,
-)
+from .pattern_errors import COMPOSED_FLOW, FLOW_NAMES, OUR_FLOW, SUMMED_FLOW, Measure, PatternErrors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +25,6 @@ TOO_SMALL_MM, SMALL_D_MM = 0.05, 0.075  # paper: too small to print, and the sec
 PAGE_COLUMNS = {
     SUMMED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_frames", "lost_pixels"),
     COMPOSED_FLOW: ("mm", "moving_mm", "sum_mm", "lost_pixels"),
-    PUBLISHED_FLOW: ("mm", "moving_mm", "lost_pixels", "renewals"),
     OUR_FLOW: ("mm", "off_mm"),
 }
 """Columns shown on the page; the file has all."""
@@ -196,11 +187,8 @@ def _dot_loss(errors: PatternErrors, printed: SeriesEntry) -> float | None:
 def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
     """Charts: the paper's tracker in both readings and as published, and ours."""
     specs: tuple[tuple[str, Measure, str], ...] = (
-        (SUMMED_FLOW, "at_dots", "at the dots"),
-        (COMPOSED_FLOW, "at_dots", "at the dots"),
-        (PUBLISHED_FLOW, "at_dots", "at the dots"),
+        *((method, "at_dots", "at the dots") for method in FLOW_NAMES),
         (OUR_FLOW, "off_dots", "of moving pixels off the dots, against truth"),
-        (OUR_FLOW, "at_dots", "at the dots"),
     )
     return tuple(
         ReportFigure(

@@ -160,12 +160,12 @@ def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: floa
     tally.switches = last.n_reference_switches
     tally.lost_share.add(float((observed.state == FlowState.LOST).mean()))
     if frame is not None:
-        at = np.flatnonzero(frame.moving)
+        index = np.flatnonzero(frame.moving)
         found_px, true_px, in_plane_mm = (
-            vectors.reshape(-1, 2).take(at, axis=0)
+            vectors.reshape(-1, 2).take(index, axis=0)
             for vectors in (flow, frame.flow_px, frame.in_plane_mm)
         )
-        confident = (observed.confident & observed.visible).ravel()[at]
+        confident = (observed.confident & observed.visible).ravel()[index]
         tally.add_moving(np.hypot(*(found_px - true_px).T) * scale, confident)
         tally.in_plane.add(np.hypot(*(found_px * scale - in_plane_mm).T))
         tally.peak_true_mm = frame.peak_mm

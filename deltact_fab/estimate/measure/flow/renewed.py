@@ -93,7 +93,7 @@ SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 
 
 # As published: duyipai/Contact-Modelling-with-Gaussian-Density at 767ed98, src/tracker.py.
-PUBLISHED_FLOW, COARSE_PX, RENEW_GREY, RETURN_GREY = "dis-medium", 20, 18.0, 12.0
+PUBLISHED_METHOD, COARSE_PX, RENEW_GREY, RETURN_GREY = "dis-medium", 20, 18.0, 12.0
 
 
 class _Reference(NamedTuple):
@@ -148,12 +148,8 @@ class RenewedTracker:
         self._choose_reference(gray)
         ref = self._references[-1]
         relative = self._relative = self._method.between(ref.gray, gray, self._relative)
-        if not self._switches:
-            flow = relative
-        elif self._total == "composed":
-            flow = compose(ref.flow_px, relative)
-        else:
-            flow = ref.flow_px + relative
+        join = compose if self._total == "composed" and self._switches else np.add
+        flow = join(ref.flow_px, relative)
         # Flow that left the image earlier is extrapolated from the border: excluded for good.
         inside = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
         if self._total != "static" and self._error(ref.gray, gray, relative) > self._threshold:
@@ -225,8 +221,5 @@ def unrelated_difference(gray: Array) -> float:
     detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_SIGMA_PX)
     blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_SIGMA_PX))
     plain = blobs < BLOB_FACTOR * np.median(blobs)
-    differences = []
-    for shift in SHIFTS_PX:
-        overlap = plain & np.roll(plain, shift, (0, 1))
-        differences.append(np.abs(detail - np.roll(detail, shift, (0, 1)))[overlap].mean())
-    return float(np.mean(differences))
+    moved = (np.roll((detail, plain), shift, (1, 2)) for shift in SHIFTS_PX)
+    return float(np.mean([np.abs(detail - d)[plain & (p > 0)].mean() for d, p in moved]))

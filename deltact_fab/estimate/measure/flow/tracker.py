@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -20,7 +19,7 @@ from .confidence import (
     TrackedFrame,
 )
 from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
-from .renewed import FUSED_METHOD, PUBLISHED_FLOW, FlowMethod, RenewedTracker
+from .renewed import FUSED_METHOD, PUBLISHED_METHOD, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
 LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
@@ -63,9 +62,6 @@ class AnchoredTracker:
         return TrackedFrame(flow, valid, agreeing, match=match)
 
 
-FlowReference = Literal["anchored", "composed", "summed", "static", "published"]
-
-
 class FlowTracker:
     """Total flow through a sequence of images.
 
@@ -77,7 +73,7 @@ class FlowTracker:
     Raises InputError with the valid names.
     """
 
-    REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
+    REFERENCES = ("anchored", "composed", "summed", "static", "published")
     PAPER = "paper"
     """Name of the tracker that the paper's group has published."""
     RENEW_SHARE = 0.25
@@ -93,19 +89,18 @@ class FlowTracker:
         renew_share: float = RENEW_SHARE,
         shared: dict[str, FlowMethod] | None = None,
     ) -> None:
-        current = f"{PUBLISHED_FLOW}/published" if name == self.PAPER else name
+        current = f"{PUBLISHED_METHOD}/published" if name == self.PAPER else name
         method, _, reference = current.partition("/")
         own = FlowMethod(method)
         self.method = own if shared is None else shared.setdefault(name.partition("/")[0], own)
-        needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_FLOW}
+        needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_METHOD}
         available = [k for k in self.REFERENCES if needed.get(k, method) == method]
-        chosen = next((k for k in available if k == (reference or available[0])), None)
-        if chosen is None:
+        self.reference = reference or available[0]
+        if self.reference not in available:
             raise InputError(
                 f"flow reference {reference!r} of {method!r}: not available; "
                 f"{did_you_mean(reference, available)}"
             )
-        self.reference = chosen
         self.full, self.renew_share = full, renew_share
         self._tracker: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()

@@ -128,13 +128,6 @@ PRESS_CASE = "sphere:10, 1.2 mm deep and 1.5 mm of shear"
 FAR_CASE = "121 px in ten frames, det F from 0.3 to 2"
 
 
-def compute_flow(method: str, pair: FlowSequence) -> Vectors:
-    """Flow (h, w, 2), px, from the first to the last image, from a cold start."""
-    return FlowMethod(method).between(
-        *(FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
-    )
-
-
 def _pair(method: str, scratch: Path) -> Work:
     pair = scene(scratch, "press")
     rest, deformed = (FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
