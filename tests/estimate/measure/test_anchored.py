@@ -193,9 +193,10 @@ def test_published_tracker_renews_and_returns():
 @pytest.mark.parametrize(("grey", "renewed"), [(17, 0), (19, 1)])
 def test_published_thresholds_are_grey_levels(grey, renewed):
     """A plain change of light is a difference that no flow explains."""
-    texture = np.random.default_rng(2).integers(60, 120, (256, 320), np.uint8)
-    seen = follow([texture, texture + np.uint8(grey)], FlowTracker("paper"))
-    assert seen[-1].diagnostics.n_reference_switches == renewed
+    texture = np.random.default_rng(2).integers(60, 120, (257, 319), np.uint8)
+    last = follow([texture, texture + np.uint8(grey)], FlowTracker("paper"))[-1]
+    assert last.diagnostics.n_reference_switches == renewed
+    assert last.visible.shape == last.flow_px.shape[:2] == texture.shape
 
 
 def test_equal_flows_are_computed_once(make_scene, make_bump):

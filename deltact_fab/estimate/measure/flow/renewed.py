@@ -221,5 +221,5 @@ def unrelated_difference(gray: Array) -> float:
     detail = image - cv2.GaussianBlur(image, (0, 0), LIGHT_SIGMA_PX)
     blobs = np.abs(cv2.GaussianBlur(detail, (0, 0), BLOB_SIGMA_PX))
     plain = blobs < BLOB_FACTOR * np.median(blobs)
-    moved = (np.roll((detail, plain), shift, (1, 2)) for shift in SHIFTS_PX)
-    return float(np.mean([np.abs(detail - d)[plain & (p > 0)].mean() for d, p in moved]))
+    shifted = (np.roll((detail, plain), shift, (1, 2)) for shift in SHIFTS_PX)
+    return float(np.mean([np.abs(detail - d)[plain & (p > 0)].mean() for d, p in shifted]))

@@ -91,8 +91,9 @@ class FlowTracker:
     ) -> None:
         current = f"{PUBLISHED_METHOD}/published" if name == self.PAPER else name
         method, _, reference = current.partition("/")
-        own = FlowMethod(method)
-        self.method = own if shared is None else shared.setdefault(name.partition("/")[0], own)
+        self.method = FlowMethod(method)
+        if shared is not None:
+            self.method = shared.setdefault(name.partition("/")[0], self.method)
         needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_METHOD}
         available = [k for k in self.REFERENCES if needed.get(k, method) == method]
         self.reference = reference or available[0]
