@@ -50,7 +50,7 @@ Written by `python -m benchmarks.real FOLDER...` on clones that you name; do not
 is simulated. **Real sensors, and none of them is this one**: no recording of the paper's sensor was
 found. The recordings are measured where they lie and are no part of this project.
 """
-TRACKERS = ("fused", "dis-medium", "paper")
+TRACKERS = ("fused", "dis-medium", "farneback/summed", "paper")
 BLOCK = 15  # frames that are left out together
 REST = 30  # frames of the bubble before it is touched
 HALF_PX, REACH_PX, EVERY_PX = 15, 8, 40  # of the correlation's windows, search and nodes
