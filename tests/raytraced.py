@@ -165,6 +165,7 @@ class Imaging:
     """What the camera does; edge_to_centre: of the LED light (1 is even), side: from one side.
 
     demosaic: a cv2 code's name. jpeg: quality of one with halved colours (4:2:0), or 0 for none.
+    exposure: of the light, 1 for a bright picture.
     """
 
     edge_to_centre: float = 1.3
@@ -174,6 +175,7 @@ class Imaging:
     sharpening: float = 0.5
     noise: float = 0.006
     jpeg: int = 85
+    exposure: float = 1.0
 
     def develop(self, light: Field, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Linear RGB (h, w, 3) of 0 to 1 to the BGR image that a program gets."""
@@ -181,7 +183,9 @@ class Imaging:
         y, x = np.mgrid[-1 : 1 : h * 1j, -1 : 1 : w * 1j]
         r2 = ((x * x + y * y) / 2)[..., None]
         glow = (1 + (self.edge_to_centre - 1) * r2) * (1 + self.side * x[..., None])
-        light = light.astype(np.float32) * (0.75 * glow / glow.max()).astype(np.float32)
+        light = light.astype(np.float32) * (0.75 * self.exposure * glow / glow.max()).astype(
+            np.float32
+        )
         inner, outer = (cv2.GaussianBlur(light, (0, 0), s) for s in self.blur_px)
         light = inner + (outer - inner) * r2.astype(np.float32)
         raw = np.empty((h, w), np.float32)

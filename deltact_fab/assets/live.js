@@ -158,7 +158,7 @@ function plot() {
 function tiles(d) {
   const f = d.force_n, rows = [];
   if (f) {
-    rows.push(["normal force Fz", fig(f[2]), "N", d.extrapolated ? "extrapolated" : "press: negative", d.extrapolated]);
+    rows.push(["normal force Fz", fig(f[2]), "N", d.extrapolated ? "unreliable" : "press: negative", d.extrapolated]);
     rows.push(["shear force", fig(f[0] === null ? null : Math.hypot(f[0], f[1])), "N", `x ${fig(f[0])}, y ${fig(f[1])}`]);
     if (d.torque_nmm) rows.push(["torque about z", fig(d.torque_nmm[2], 1), "N mm", `x ${fig(d.torque_nmm[0], 0)}, y ${fig(d.torque_nmm[1], 0)}`]);
   } else rows.push(["force", "not measured", "", "no force calibration"]);
@@ -173,7 +173,7 @@ function tiles(d) {
 }
 // Summary of the newest image: trusted or not, force, contacts, displacement.
 function verdict(d) {
-  const doubts = [d.trusted ? "" : "flow unreliable", d.extrapolated ? "force extrapolated" : "", unfit].filter(Boolean);
+  const doubts = [d.trusted ? "" : "flow unreliable", d.extrapolated ? "force unreliable" : "", unfit].filter(Boolean);
   const n = d.contacts.length, parts = [];
   if (d.force_n) parts.push(`Fz ${fig(d.force_n[2])} N`);
   if (d.measured_contacts) parts.push(n === 0 ? "no contact" : n === 1 ? "one contact" : `${n} contacts`);

@@ -127,7 +127,7 @@ RESULT_COLUMNS = [
     *_columns(
         "bool",
         trusted="Enough of the view is tracked reliably; if false, ignore all other values.",
-        extrapolated="A calibration is used outside its range.",
+        extrapolated="A calibration is used outside its range, or too little is known.",
     ),
     *_columns(
         "float64",

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from deltact_fab.estimate.measure.flow.confidence import ConfidenceEstimator
+from deltact_fab.estimate.measure.flow.confidence import WINDOW_PX, ConfidenceEstimator, FlowState
 from deltact_fab.estimate.measure.flow.fused import Plane, RefinedFlow, to_gray
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 W, H = 480, 360
+MM_PER_PX = 0.0378
 # Two patterns and seeds that no threshold was set on.
 PATTERNS = {"0.1 mm": {"patch_mm": 0.1, "seed": 31}, "0.2 mm with dots": {
     "patch_mm": 0.2, "seed": 32, "dots": True}}  # fmt: skip
@@ -104,6 +105,39 @@ def test_half_covered_view_trusts_visible_half(with_what, sequence):
     clear = (x > W // 2 + 34) & seen.visible
     assert seen.confident[clear].mean() > 0.85
     assert (off_px(seen, truths[-1])[seen.confident] > 2.6).mean() <= 0.002
+
+
+@pytest.mark.parametrize("level", [0, 120, 255])
+def test_plain_half_is_not_known(level, sequence):
+    images, truths, _ = sequence
+    halves = [image.copy() for image in images]
+    for k, half in enumerate(halves):
+        noise = np.random.default_rng(k).normal(0, 1.5, half[:, W // 2 :].shape)
+        half[:, W // 2 :] = level + (noise if level == 120 else 0)
+    tracker = FlowTracker()
+    tracker.update(halves[0])
+    for half, truth in zip(halves[1:], truths[1:], strict=True):
+        seen = tracker.update(half)
+        # A window at the border holds both.
+        is_face = np.arange(W) + truth[..., 0] < W // 2 + WINDOW_PX // 2
+        wrong = (off_px(seen, truth) > 0.1 / MM_PER_PX) | ~is_face
+        assert wrong[seen.visible & (seen.state > FlowState.LOST)].mean() <= 0.01
+        assert (seen.state > FlowState.LOST)[20:-20, 20 : W // 2 - 60].mean() > 0.95
+
+
+def test_plain_between_drawn_lines_is_not_known(make_bump):
+    """A white skin with a drawn grid of 90 px, its cells four times as wide as a window."""
+    bump, tracker, x = make_bump((230, 180), 90, shear_px=(4.0, -2.0)), FlowTracker(), np.arange(W)
+    for k in range(5):
+        at = bump.scaled(k / 2).inverse_px(H, W)
+        lines = sum(np.exp(-(((at[..., i] + 7) % 90 - 45) ** 2) / 8) for i in (0, 1))
+        grey = 200 - 120 * np.minimum(lines, 1) + 10 * np.sin(x / 90)
+        noise = np.random.default_rng(k).normal(0, 2.0, (H, W))
+        seen = tracker.update(np.clip(cv2.GaussianBlur(grey, (0, 0), 0.8) + noise, 0, 255).astype(
+            np.uint8))  # fmt: skip
+        known = seen.visible & (seen.state > FlowState.LOST)
+        off = off_px(seen, bump.scaled(k / 2).flow_px(H, W))
+        assert (known & (off > 1)).mean() <= 0.005
 
 
 def test_trust_needs_texture_over_half(sequence):

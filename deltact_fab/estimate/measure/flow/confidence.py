@@ -28,14 +28,16 @@ KEEP_DET = 0.12
 CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
-DEVIATION_MAX_PX = 0.29
-EDGE_GAP_PX = 3.0
+DEVIATION_MAX_PX, SEEN_MAX_PX = 0.36, 0.7
+EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
+OFF_CENTRE_MAX_PX = 6.0
 SUPPORT_SHARE = 0.5
-TEXTURE_MIN = 2.0  # grey levels; a plain face has up to 1.9 by rounding, noise and compression
+FILL_SHARE = 0.55  # of SUPPORT_PX around; by hand: 0.5 extends a straight edge by a node
+TEXTURE_MIN = 1.0  # grey levels; gels without a pattern have it on 0.39 of the view at most
 FINE_PX = 19
 TEXTURED_SHARE = 0.5
-TRUSTED_FLOW_SHARE = 0.25
+TRUSTED_FLOW_SHARE = 0.35
 _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
     (px // _COARSE_PX,) * 2 for px in (WINDOW_PX, FIT_PX, SUPPORT_PX)
 )
@@ -43,11 +45,11 @@ _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
 
 class FlowState(IntEnum):
     LOST = 0
-    """Hidden or out of view, without confident neighbours: a guess."""
+    """Not seen in this image, nor surrounded by nodes that are: a guess."""
     PREDICTED = 1
-    """Not matched in this image; filled from confident neighbours."""
+    """Filled from seen nodes around."""
     MATCHED = 2
-    """Matched in this image."""
+    """Seen in this image, or matched and like the seen nodes around."""
 
 
 class ConfidenceEstimator:
@@ -78,9 +80,10 @@ class ConfidenceEstimator:
         fine -= cv2.blur(fine, (FINE_PX, FINE_PX), borderType=_EDGE_MODE)
         power = self._means(shrink(fine * fine, 2))
         self.contrast = float(np.sqrt(power.max()))
-        self.textured: Array = self._fine(power) >= TEXTURE_MIN**2
+        self.textured = self._fine((power >= TEXTURE_MIN**2) & self._is_central(plane.gray))
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
+        self._seen_px2: Array = np.float32(DEVIATION_MAX_PX**2)
         if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
             self._mean = [self._means(channel) for channel in self._secondary]
@@ -89,6 +92,7 @@ class ConfidenceEstimator:
             luma = shrink(plane.gray, 2).astype(np.float32)
             contrast = self._means(luma * luma) - self._means(luma) ** 2
             self._colourless = self._fine(self._power < COLOUR_SHARE**2 * contrast)
+            self._seen_px2 = np.where(self._colourless, DEVIATION_MAX_PX, SEEN_MAX_PX) ** 2
 
     def secondary_match(self, image: Array | SampledImage) -> list[Array]:
         """Return chroma planes of the current image (h, w[, 3]) for `check`; none of a grey one."""
@@ -100,35 +104,24 @@ class ConfidenceEstimator:
         Both (hh, ww) bool; secondary_match, match: of the current image.
         """
         flow, correlation, deviation, _ = match
-        right, down = (
-            cv2.Sobel(flow, -1, x, 1 - x, ksize=1, scale=0.25, borderType=_EDGE_MODE)
-            for x in (1, 0)
+        (xx, yx), (xy, yy) = (
+            [cv2.Sobel(u, -1, x, 1 - x, ksize=1, scale=0.25, borderType=_EDGE_MODE) for x in (1, 0)]
+            for u in cv2.split(flow)
         )
-        det = (1 + right[..., 0]) * (1 + down[..., 1]) - down[..., 0] * right[..., 1]
-        height, width = self._shape
-        x, y = cv2.split(2 * _landing(flow) + np.float32(0.5))
-        near = np.minimum(
-            np.minimum(x, np.float32(width - 1) - x), np.minimum(y, np.float32(height - 1) - y)
-        )
-        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & (near >= 0)
-        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX) & (near >= EDGE_GAP_PX)
+        landing = landing_nodes(flow)
+        det = (1 + xx) * (1 + yy) - yx * xy
+        valid = (correlation > KEEP_CORRELATION) & (det > KEEP_DET) & self.inside(landing)
+        agreeing = valid & self.textured & (deviation < DEVIATION_MAX_PX)
+        agreeing &= self.inside(landing, EDGE_GAP_PX)
         if self._colour:
-            chroma_ok = self._fine(self._chroma(secondary_match, _landing(flow)) > CHROMA_MIN)
+            chroma_ok = self._fine(self._chroma(secondary_match, landing) > CHROMA_MIN)
             agreeing &= np.where(self._colourless, correlation > GREY_MIN, chroma_ok)
         else:
             agreeing &= correlation > GREY_MIN
         return valid, agreeing
 
-    def node_states(self, inside: Array, valid: Array) -> Array:
-        """Return the FlowState of each node, (hh, ww) uint8."""
-        state = np.full(valid.shape, FlowState.MATCHED, np.uint8)
-        if not valid.all():
-            guided = (self._near(valid) >= SUPPORT_SHARE) & inside
-            state[~valid] = np.where(guided[~valid], FlowState.PREDICTED, FlowState.LOST)
-        return state
-
-    def converged(self, match: RefinedFlow, valid: Array) -> Array:
-        """True where the fit has converged, (hh, ww) bool.
+    def select(self, match: RefinedFlow, valid: Array, agreeing: Array) -> tuple[Array, Array]:
+        """Select confident and seen nodes, (hh, ww) bool each, of a fit of `fused`.
 
         A single node's step may be 0 by chance, so steps of valid nodes around are averaged.
         """
@@ -136,11 +129,26 @@ class ConfidenceEstimator:
         ahead = shrink(np.where(valid, match.ahead_px2, np.float32(0)), 2)
         n, total = (cv2.blur(a, _FIT_CELLS, borderType=_EDGE_MODE) for a in (weight, ahead))
         rest_px2 = self._fine(total / np.maximum(n, np.float32(1e-3)))
-        return np.asarray(match.deviation_px**2 + rest_px2 < DEVIATION_MAX_PX**2)
+        expected_px2 = match.deviation_px**2 + rest_px2
+        confident = self.supported(agreeing & (expected_px2 < DEVIATION_MAX_PX**2))
+        return confident, self.supported(agreeing & (expected_px2 < self._seen_px2))
 
-    def select_confident(self, agreeing: Array) -> Array:
+    def supported(self, agreeing: Array) -> Array:
         """True for agreeing nodes with enough agreeing nodes around, (hh, ww) bool."""
         return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
+
+    def surround(self, seen: Array) -> Array:
+        """True for seen nodes and those that they surround, (hh, ww) bool."""
+        # A node at the border lands too near to it to be seen; the next ones bound it.
+        n = EDGE_NODES
+        bounding = np.pad(seen[n:-n, n:-n], n, mode="edge")
+        return np.asarray(seen | (self._near(bounding) >= FILL_SHARE))
+
+    def node_states(self, matched: Array, known: Array) -> Array:
+        """Return the FlowState of each node, (hh, ww) uint8."""
+        state = known.astype(np.uint8)
+        state[known & matched] = FlowState.MATCHED
+        return state
 
     def is_trusted(self, confident: Array) -> bool:
         """True if a frame with these confident nodes is trusted."""
@@ -158,6 +166,13 @@ class ConfidenceEstimator:
             / np.sqrt(np.maximum(self._power, _CHROMA_FLOOR) * np.maximum(power, _CHROMA_FLOOR))
         )
 
+    def inside(self, landing: Array, gap_px: float = 0.0) -> Array:
+        """True for nodes that land inside the image by a gap, (hh, ww) bool."""
+        # Node j lies at pixel 2 j + 1/2.
+        low = gap_px / 2 - 0.25
+        high = tuple((n - 1 - gap_px) / 2 - 0.25 for n in reversed(self._shape))
+        return cv2.inRange(landing, (low, low), high).view(bool)
+
     def _means(self, nodes: Array) -> Array:
         """Means over WINDOW_PX, by coarse cell."""
         return cv2.blur(shrink(nodes, 2), _WINDOW_CELLS, borderType=_EDGE_MODE)
@@ -167,12 +182,27 @@ class ConfidenceEstimator:
         cells = shrink(mask.astype(np.float32), 2)
         return self._fine(cv2.blur(cells, _SUPPORT_CELLS, borderType=_EDGE_MODE))
 
+    def _is_central(self, gray: Array) -> Array:
+        """True for coarse cells around which the detail of a window lies, not at its rim.
+
+        A fit gives the motion of the place where the squared gradients of its window lie.
+        """
+        steps = (cv2.Sobel(gray, cv2.CV_32F, x, 1 - x, borderType=_EDGE_MODE) for x in (1, 0))
+        energy = shrink(sum(step * step for step in steps), _COARSE_PX) + np.float32(1e-3)
+        y, x = (np.arange(n, dtype=np.float32) for n in energy.shape)
+        total, along, down = (
+            cv2.blur(part, _WINDOW_CELLS, borderType=cv2.BORDER_REFLECT)
+            for part in (energy, energy * x, energy * y[:, None])
+        )
+        off = np.hypot(along / total - x, down / total - y[:, None])
+        return np.asarray(off * _COARSE_PX <= OFF_CENTRE_MAX_PX)
+
     def _fine(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
         return np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[:hh, :ww]
 
 
-def _landing(flow_px: Array) -> Array:
+def landing_nodes(flow_px: Array) -> Array:
     """Positions of the nodes in the current image, (hh, ww, 2) in nodes."""
     return landing_px(flow_px * np.float32(0.5))
 
@@ -229,19 +259,18 @@ class FlowObservation:
 class TrackedFrame:
     """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, valid, agreeing: on the half grid, see `confidence`. full_px: (h, w, 2), from trackers
+    flow_px, matched, known, confident: on the half grid. full_px: (h, w, 2), of trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
-    over; None if it is not composed. match: result of the fused steps. reused_s: CPU time of flow
-    that another tracker had computed.
+    over; None if it is not composed. reused_s: CPU time of flow that another tracker had computed.
     """
 
     flow_px: Array
-    valid: Array
-    agreeing: Array
+    matched: Array
+    known: Array
+    confident: Array
     full_px: Array | None = None
     inside: Array | None = None
     n_reference_switches: int = 0
-    match: RefinedFlow | None = None
     reused_s: float = 0.0
 
 

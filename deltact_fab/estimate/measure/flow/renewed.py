@@ -161,8 +161,10 @@ class RenewedTracker:
             h, w = ready.plane.shape
             inside = inside.repeat(2, axis=0).repeat(2, axis=1)[:h, :w]
         match = self._first.evaluate(ready.plane, nodes)
-        masks, reused_s = self.judge.check(ready.secondary_match, match), self._method.reused_s
-        return TrackedFrame(nodes, *masks, full, inside, self._switches, reused_s=reused_s)
+        valid, agreeing = self.judge.check(ready.secondary_match, match)
+        confident = self.judge.supported(agreeing)
+        known, reused_s = self.judge.surround(confident), self._method.reused_s
+        return TrackedFrame(nodes, valid, known, confident, full, inside, self._switches, reused_s)
 
     def _view(self, image: Array) -> Array:
         return shrink(to_gray(image), 2) if self._published else to_gray(image)

@@ -17,12 +17,29 @@ from .confidence import (
     FlowObservation,
     PreparedImage,
     TrackedFrame,
+    landing_nodes,
 )
-from .fused import COARSE_NODES, Plane, RefinementReference, SampledImage, predict, to_full
+from .fused import (
+    COARSE_NODES,
+    Plane,
+    RefinedFlow,
+    RefinementReference,
+    SampledImage,
+    predict,
+    to_full,
+)
 from .renewed import FUSED_METHOD, PUBLISHED_METHOD, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
-LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
+LOST_SHARE = 0.1  # of textured nodes; fewer confident: the reference is not in view; decision 0061
+SEARCH_SHARE = 0.02  # of textured nodes; more lost at once are searched for; by hand
+MAX_SEARCHES = 3  # images in a row in which a search finds nothing; by hand
+MAX_ROUNDS = 6  # of a search from neighbours, which gains a window's half each; by hand
+ROUND_SHARE = 0.002  # of textured nodes; a round that gains less is the last; by hand
+LIKE_PX = 1.0  # of what seen neighbours predict; by hand: farther is another match
+
+
+_Found = tuple[RefinedFlow, Array, Array]
 
 
 class AnchoredTracker:
@@ -33,7 +50,9 @@ class AnchoredTracker:
         self.judge = judge
         self._previous = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
-        self._is_lost = False
+        self._last_seen = shrink(self._flow, COARSE_NODES)
+        self._n_textured, self._n_agreeing = int(np.count_nonzero(judge.textured)), 0
+        self._n_searches, self._is_lost = 0, False
 
     def ahead(self, plane: Plane) -> Array:
         """Predict the flow in px from the previous image to this one, at coarse nodes."""
@@ -41,25 +60,76 @@ class AnchoredTracker:
         return shrink(predict(previous, plane), COARSE_NODES)
 
     def step(self, ready: PreparedImage) -> TrackedFrame:
-        """Track one more image. After a lost one, starts from the last good flow and from rest are
-        tried."""
+        """Track one more image.
+
+        Where much of the face is lost at once, it is searched for in this image and the next ones:
+        from rest, from where each node was last seen, and from its neighbours.
+        """
         assert ready.ahead_px is not None, "made by `ahead`"
-        so_far = shrink(self._flow, COARSE_NODES)
-        if self._is_lost:
-            starts = [so_far, shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
-        else:
-            landing = landing_px(so_far * np.float32(0.5 / COARSE_NODES))
-            starts = [so_far + sample(ready.ahead_px, landing)]
-        matches = [self._reference.refine(ready.plane, start) for start in starts]
-        trials = [(*self.judge.check(ready.secondary_match, match), match) for match in matches]
-        valid, agreeing, match = max(trials, key=lambda c: int(np.count_nonzero(c[1])))
-        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
-        flow = denoise(fill_gaps(match.flow_px, agreeing, valid), match.deviation_px, valid)
-        textured = np.count_nonzero(self.judge.textured)
-        self._is_lost = bool(np.count_nonzero(agreeing) < LOST_SHARE * textured)
+        start = shrink(self._flow, COARSE_NODES)
         if not self._is_lost:
-            self._flow = flow
-        return TrackedFrame(flow, valid, agreeing, match=match)
+            landing = landing_px(start * np.float32(0.5 / COARSE_NODES))
+            start += sample(ready.ahead_px, landing)
+        found = self._match(ready, start)
+        least_change = SEARCH_SHARE * self._n_textured
+        n_agreeing = np.count_nonzero(found[2])
+        if n_agreeing < self._n_agreeing - least_change:
+            self._n_searches = MAX_SEARCHES
+        if self._n_searches or self._is_lost:
+            found = self._search(ready, found)
+            gained = np.count_nonzero(found[2]) > n_agreeing + least_change
+            self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
+        match, valid, agreeing = found
+        confident, seen = self.judge.select(match, valid, agreeing)
+        # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
+        filled = fill_gaps(match.flow_px, agreeing, seen)
+        flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
+        flow = denoise(flow, match.deviation_px, valid)
+        self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
+        if not self._is_lost:
+            self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
+            coarse = shrink(seen.astype(np.float32), COARSE_NODES) > 0.5
+            self._last_seen[coarse] = shrink(flow, COARSE_NODES)[coarse]
+        # A match that is not seen starts the next image; a result is what the seen ones predict.
+        known = self.judge.surround(seen)
+        near = cv2.inRange(flow - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2).view(bool)
+        flow = cv2.copyTo(flow, (near | ~known).view(np.uint8), filled)
+        return TrackedFrame(flow, valid & near, known, confident)
+
+    def _search(self, ready: PreparedImage, found: _Found) -> _Found:
+        """Search for the nodes that do not agree; of the first find, and as `_match`."""
+        starts = [shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
+        if not self._is_lost:  # else tried: it is the last flow
+            starts.append(self._last_seen)
+        for start in starts:
+            found = self._add(found, self._match(ready, start))
+        for _ in range(MAX_ROUNDS):
+            match, _, agreeing = found
+            n_agreeing = np.count_nonzero(agreeing)
+            if n_agreeing < LOST_SHARE * self._n_textured:
+                break
+            supported = self.judge.supported(agreeing)
+            start = shrink(fill_gaps(match.flow_px, supported, supported), COARSE_NODES)
+            found = self._add(found, self._match(ready, start))
+            if np.count_nonzero(found[2]) - n_agreeing < ROUND_SHARE * self._n_textured:
+                break
+        return found
+
+    def _match(self, ready: PreparedImage, start: Array) -> _Found:
+        """Refine from a start at coarse nodes; with masks of the valid and the agreeing nodes."""
+        match = self._reference.refine(ready.plane, start)
+        valid, agreeing = self.judge.check(ready.secondary_match, match)
+        return match, valid, agreeing
+
+    @staticmethod
+    def _add(found: _Found, other: _Found) -> _Found:
+        """Add the nodes that agree in the other only."""
+        new = other[2] & ~found[2]
+        parts = (
+            cv2.copyTo(part, new.view(np.uint8), into)
+            for into, part in zip(found[0], other[0], strict=True)
+        )
+        return RefinedFlow(*parts), found[1] | new, found[2] | new
 
 
 class FlowTracker:
@@ -146,19 +216,17 @@ class FlowTracker:
             return self._tracker.step(ready)
         textured = self._tracker.judge.textured
         nothing = np.zeros((*textured.shape, 2), np.float32)
-        return TrackedFrame(nothing, np.ones(textured.shape, bool), textured)
+        everywhere = np.ones(textured.shape, bool)
+        return TrackedFrame(nothing, everywhere, everywhere, textured)
 
     def judge(self, ready: PreparedImage, frame: TrackedFrame) -> FlowObservation:
         """Third part of an update, which the next image does not need."""
         assert self._tracker is not None, "made ready"
         judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
-        inside = _inside(flow, shape)
-        confident, agreeing = judge.textured, frame.agreeing
-        if ready.frame:
-            if frame.match is not None:
-                agreeing = agreeing & judge.converged(frame.match, frame.valid)
-            confident = judge.select_confident(agreeing)
-        trusted, state = judge.is_trusted(confident), judge.node_states(inside, frame.valid)
+        inside = judge.inside(landing_nodes(flow))
+        confident = frame.confident
+        trusted = judge.is_trusted(confident)
+        state = judge.node_states(frame.matched, frame.known & inside)
         if self.full:
             flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
             visible = _to_pixels(inside, shape) if frame.inside is None else frame.inside
@@ -204,13 +272,6 @@ def _explain_plain(gray: Array) -> str:
         f"its light is right (grey levels {dark:.0f} to {light:.0f}): the view is covered, far out "
         "of focus, or the skin has no pattern"
     )
-
-
-def _inside(flow: Array, shape: tuple[int, int]) -> Array:
-    """True for nodes that land inside the image (h, w), (hh, ww) bool."""
-    # Node j lies at pixel 2 j + 1/2.
-    high = ((shape[1] - 1) / 2 - 0.25, (shape[0] - 1) / 2 - 0.25)
-    return cv2.inRange(landing_px(flow * np.float32(0.5)), (-0.25, -0.25), high).view(bool)
 
 
 def _to_pixels(nodes: Array, shape: tuple[int, int]) -> Array:

@@ -29,7 +29,8 @@ class Wrench:
 
     force_n, torque_nmm (3,) float64, nan where not calibrated. cover: share of the underlying
     points whose motion is known; 0: nothing was tracked and the wrench is 0. extrapolated: the
-    features lie outside the training data, so the calibration's errors do not apply.
+    calibration's errors do not apply, as the features lie outside the training data or the cover is
+    below MIN_COVER.
     """
 
     force_n: Array
@@ -80,6 +81,7 @@ class TractionField:
         return np.array(moments) * self.cell_mm2
 
 
+MIN_COVER = 0.9  # of the points underlying a force or depth; by hand: below, errors pass 5 %
 MAX_LEVERAGE_RATIO = 2.0  # over the largest in training; measured in docs/evidence/force.md
 
 
@@ -176,7 +178,8 @@ class ForceModel:
     def wrench(self, x: Array, cover: float) -> Wrench:
         """Wrench of one frame's features (k,), with their cover; nan: not calibrated."""
         six = np.where(self.calibrated, self.predict(x[None])[0], np.nan)
-        return Wrench(six[:3], six[3:], cover, bool(self.is_extrapolated(x[None])[0]))
+        extrapolated = cover < MIN_COVER or bool(self.is_extrapolated(x[None])[0])
+        return Wrench(six[:3], six[3:], cover, extrapolated)
 
     def as_dict(self) -> dict[str, Any]:
         return {

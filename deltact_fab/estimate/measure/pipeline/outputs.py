@@ -79,7 +79,7 @@ class MeasurementResult:
 
     @property
     def extrapolated(self) -> bool:
-        """True if a calibration is used outside its range, so that its errors do not hold."""
+        """True if a calibration's errors do not hold: outside its range, or too little is known."""
         depth = self.shape.depth if self.shape is not None else None
         return any(part is not None and part.extrapolated for part in (self.force, depth))
 

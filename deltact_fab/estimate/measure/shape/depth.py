@@ -21,7 +21,7 @@ from deltact_fab.sensor import CameraModel, interpolate_block
 
 from ..face import FaceFlow, fill_unknown, fit_rigid_motion
 from ..force.inverse import inverse_for
-from ..force.model import TractionField
+from ..force.model import MIN_COVER, TractionField
 from ..sensor_id import CalibrationHead, SensorModel, read_calibration
 
 MAX_RIGID_RESIDUAL = 0.1  # over the motion; by hand: larger takes light presses for a loose camera
@@ -64,7 +64,7 @@ class Depth:
 
     depth_mm (h, w) float32, at least 0; valid (h, w) bool: motion known; x_mm (w,), y_mm (h,): as
     in FaceFlow. cover: share of the pressure on cells whose motion is known. extrapolated: deeper
-    than the calibration.
+    than the calibration, or less than MIN_COVER known.
     """
 
     depth_mm: Array
@@ -89,7 +89,8 @@ class DepthFinder:
         flow = fill_unknown(flow)
         press = self.inverse.solve(flow)
         depth = np.maximum(np.float32(self.model.gain) * self.linear_depth_mm(flow, press), 0)
-        extrapolated = float(depth.max()) > EXTRAPOLATION_FACTOR * self.model.deepest_mm
+        too_deep = float(depth.max()) > EXTRAPOLATION_FACTOR * self.model.deepest_mm
+        extrapolated = too_deep or press.cover < MIN_COVER
         return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, extrapolated)
 
     def linear_depth_mm(self, flow: FaceFlow, press: TractionField) -> Array:
