@@ -7,7 +7,7 @@ group published it. Baselines for the anchored tracker.
 from __future__ import annotations
 
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -96,12 +96,6 @@ SHIFTS_PX = tuple((60 + 7 * k, 200 - 11 * k) for k in range(16))
 PUBLISHED_METHOD, COARSE_PX, RENEW_GREY, RETURN_GREY = "dis-medium", 20, 18.0, 12.0
 
 
-class _Reference(NamedTuple):
-    gray: Array
-    flow_px: Array
-    inside: Array
-
-
 class RenewedTracker:
     """Tracker of one sequence with a renewed reference: an image that differs from it too much
     becomes the reference. Flows start from the last one; after a renewal from nothing.
@@ -134,7 +128,8 @@ class RenewedTracker:
         gray = self._view(image)
         self._threshold = RENEW_GREY if self._published else share * unrelated_difference(gray)
         zero = np.zeros((*gray.shape, 2), np.float32)
-        self._references = [_Reference(gray, zero, np.ones(gray.shape, bool))]
+        # Grey image, flow to it, pixels inside it and all before.
+        self._references = [(gray, zero, np.ones(gray.shape, bool))]
         self._relative: Array | None = None
         self._coarse: Array | None = None
         self._switches = 0
@@ -146,14 +141,14 @@ class RenewedTracker:
         assert not isinstance(ready.image, SampledImage), "for the anchored reference only"
         gray = self._view(ready.image)
         self._choose_reference(gray)
-        ref = self._references[-1]
-        relative = self._relative = self._method.between(ref.gray, gray, self._relative)
+        reference, base, inside = self._references[-1]
+        relative = self._relative = self._method.between(reference, gray, self._relative)
         join = compose if self._total == "composed" and self._switches else np.add
-        flow = join(ref.flow_px, relative)
+        flow = join(base, relative)
         # Flow that left the image earlier is extrapolated from the border: excluded for good.
-        inside = ref.inside & is_inside(landing_px(flow), *flow.shape[:2])
-        if self._total != "static" and self._error(ref.gray, gray, relative) > self._threshold:
-            self._references.append(_Reference(gray, flow, inside))
+        inside = inside & is_inside(landing_px(flow), *flow.shape[:2])
+        if self._total != "static" and self._error(reference, gray, relative) > self._threshold:
+            self._references.append((gray, flow, inside))
             self._relative = self._coarse = None
             self._switches += 1
         nodes, full = (2 * flow, None) if self._published else (to_half(flow), flow)
@@ -174,7 +169,7 @@ class RenewedTracker:
         if not self._published:
             del self._references[:-1]
         for k in reversed(range(len(self._references) - 1)):
-            if coarse_difference(self._references[k].gray, gray)[0] < RETURN_GREY:
+            if coarse_difference(self._references[k][0], gray)[0] < RETURN_GREY:
                 del self._references[k + 1 :]
                 self._switches += 1
                 break
@@ -208,9 +203,9 @@ def photometric_error(reference: Array, current: Array, flow: Array) -> float:
     Pixels that land outside the image are ignored; 255 if all do.
     """
     landing = landing_px(flow)
-    difference = cv2.absdiff(reference, sample(current, landing))
     within = is_inside(landing, *reference.shape)
-    return float(difference[within].mean()) if within.any() else 255.0
+    difference = cv2.absdiff(reference, sample(current, landing))[within]
+    return float(difference.mean()) if difference.size else 255.0
 
 
 def unrelated_difference(gray: Array) -> float:
