@@ -19,7 +19,6 @@ from deltact_fab.common.errors import RunFailed
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
 from deltact_fab.sensor.shapes.imaging import ImageSensor
 from deltact_fab.studies.numerics.engine import finite_or_none
-from deltact_fab.studies.numerics.engines.flow import compute_flow
 from deltact_fab.studies.numerics.engines.flow_frames import (
     COARSE_RECIPE,
     DEFAULT_CAMERA,
@@ -138,6 +137,12 @@ def peer_row(method: str) -> dict[str, Any]:
             "cpu_s": cpu_s,
         }
     return out
+
+
+def compute_flow(method: str, pair: FlowSequence) -> Vectors:
+    """Flow (h, w, 2), px, from the first to the last image, from a cold start."""
+    views = (FlowMethod.prepare(image) for image in (pair.images[0], pair.last))
+    return FlowMethod(method).between(*views)
 
 
 def answer(method: str, question: Question, scene: FlowSequence) -> tuple[Vectors, float, str]:

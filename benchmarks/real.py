@@ -50,7 +50,7 @@ Written by `python -m benchmarks.real FOLDER...` on clones that you name; do not
 is simulated. **Real sensors, and none of them is this one**: no recording of the paper's sensor was
 found. The recordings are measured where they lie and are no part of this project.
 """
-TRACKERS = ("fused", "dis-medium", "paper")
+TRACKERS = ("fused", "dis-medium", "farneback/summed", "paper")
 BLOCK = 15  # frames that are left out together
 REST = 30  # frames of the bubble before it is touched
 HALF_PX, REACH_PX, EVERY_PX = 15, 8, 40  # of the correlation's windows, search and nodes
@@ -218,7 +218,7 @@ def bubble(files: Files) -> list[str]:
         return float(np.nanmedian(np.nanstd(shift[1:REST], axis=0)))
 
     for name in TRACKERS:
-        tracker, (x, y) = FlowTracker.from_name(name), judge.nodes.T
+        tracker, (x, y) = FlowTracker(name), judge.nodes.T
         seen = [tracker.update(image) for image in images]
         found, sure = (np.stack([f[y, x] for f in of]) for of in
                        ([s.flow_px for s in seen], [s.confident for s in seen]))  # fmt: skip

@@ -47,6 +47,9 @@ _JPEG_SAMPLING = {
     "mjpeg-422": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
     "mjpeg-420": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
 }
+# By hand: steps that end within 0.1 % even where a third of the picture is clipped; one pixel of
+# each 4 x 4; and the range of a camera's exposure times.
+_METER_STEPS, _METER_STRIDE, _GAIN_RANGE = 20, 4, (0.01, 100.0)
 _FAR_SQUARED = 1e6  # by hand: squared distance, in half diagonals, of a pixel that sees nothing
 # Position and width of the highlight, in half diagonals of the view; by hand, as an LED reflects.
 _HIGHLIGHT_AT, _HIGHLIGHT_WIDTH = (0.35, -0.3), 0.06
@@ -76,6 +79,16 @@ class Exposure:
         distance2 = np.sum((position - np.asarray(_HIGHLIGHT_AT)) ** 2, axis=-1)[..., None]
         spot = sensor.highlight * np.exp(-distance2 / (2 * _HIGHLIGHT_WIDTH**2))
         self._highlight = spot.astype(np.float32)
+        self._gain = 1.0
+
+    def meter(self, radiance: NDArray[np.float32]) -> None:
+        """Set the exposure so that the mean of this picture is `auto_exposure_grey`."""
+        sensor = self._sensor
+        light = 0.9 * self._on_chip(radiance)[::_METER_STRIDE, ::_METER_STRIDE]
+        for _ in range(_METER_STEPS):
+            grey = 255 * np.mean(np.clip(self._gain * light, 0, 1) ** (1 / sensor.gamma))
+            gain = self._gain * (sensor.auto_exposure_grey / max(grey, 1.0)) ** sensor.gamma
+            self._gain = float(np.clip(gain, *_GAIN_RANGE))
 
     def expose(
         self,
@@ -91,11 +104,7 @@ class Exposure:
         if sensor.contact_glow_per_mm and depth_mm is not None:
             glow = 1 + np.float32(sensor.contact_glow_per_mm) * np.maximum(depth_mm, 0)
             radiance = radiance * glow[..., None]
-        light = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px)
-        if sensor.corner_blur_px > sensor.blur_px:
-            outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
-            light = light + (outer - light) * self._outward
-        light = light * self._light + self._highlight
+        light = self._on_chip(radiance)
         if not sensor.mosaic:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))
         raw = light[..., 1].copy()  # BGGR mosaic
@@ -103,9 +112,17 @@ class Exposure:
         coded = self._digitised(raw, rng)
         return self._delivered(cv2.cvtColor(coded, _DEMOSAIC_CODES[sensor.demosaic]))
 
+    def _on_chip(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        sensor = self._sensor
+        light = cv2.GaussianBlur(radiance, (0, 0), sensor.blur_px)
+        if sensor.corner_blur_px > sensor.blur_px:
+            outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
+            light = light + (outer - light) * self._outward
+        return np.asarray(light * self._light + self._highlight)
+
     def _digitised(self, raw: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         sensor = self._sensor
-        raw = raw * np.float32(0.9 * sensor.full_well_electrons)
+        raw = raw * np.float32(0.9 * sensor.full_well_electrons * self._gain)
         spread = np.sqrt(np.maximum(raw, 0) + np.float32(sensor.read_noise_electrons**2))
         raw += spread * rng.standard_normal(raw.shape, dtype=np.float32)
         full = np.float32(sensor.full_well_electrons)

@@ -19,8 +19,8 @@ def analyze() -> None:
 @analyze.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
 @click.argument("run", type=PATH_TYPE)
 @click.option("--method", "methods", multiple=True, metavar="METHOD[/REFERENCE]",
-              show_default="a useful selection", help="fused, dis-medium, dis-fast, "
-              "farneback-paper, or paper; as in dis-medium/static, with one of "
+              show_default="fused and paper", help="paper, as the paper's group has published "
+              "it; or fused, dis-medium, dis-fast, farneback; as in dis-medium/static, with one of "
               "anchored (fused only), composed, summed, static; repeatable.")  # fmt: skip
 @out_folder("Folder for the results.", show_default="RUN/analysis")
 @answers

@@ -185,7 +185,7 @@ def _methods(tracking: TrackingResult) -> dict[str, Any]:
                 "at the dots, mm": m["mean_at_dots_mm"],
                 "frames trusted": _percent(m["trusted_share"]),
                 "CPU time per frame, ms": m["ms_per_frame"],
-                "reference renewals": m["reference_switches"],
+                "reference switches": m["reference_switches"],
                 "reliable": "no" if verdict.doubts[m["name"]] else "yes",
             }
         )

@@ -62,7 +62,9 @@ class ImageSensor:
     demosaic: Literal["edge-aware", "bilinear", "gradients"] = "edge-aware"
     """Demosaicing of the Bayer pattern."""
     sharpening: Annotated[float, Ge(0), Le(3)] = 0.0
-    """Strength of the camera's unsharp mask of 1 px."""
+    """Strength of the camera's unsharp mask of 1 px, its edge enhancement."""
+    auto_exposure_grey: Annotated[float, Ge(0), Le(250)] = 0.0
+    """Mean grey level that automatic exposure gives the face at rest; 0: fixed exposure."""
     format: Literal["raw", "yuyv", "nv12", "mjpeg-422", "mjpeg-420"] = "raw"
     """Transfer format: raw is lossless; yuyv and mjpeg-422 halve the colour's columns, nv12 and
     mjpeg-420 its rows too; mjpeg compresses."""

@@ -229,6 +229,8 @@ class FrameRenderer:
         else:
             grid, self._border = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
         self._exposure = Exposure(sensor, grid)
+        if sensor.auto_exposure_grey:
+            self._exposure.meter(self._radiance(geometry.material_px(None)))
 
     @classmethod
     def printed(
@@ -270,6 +272,14 @@ class FrameRenderer:
 
         displacement_mm: as of `render`; only a camera in whose light a contact glows reads it.
         """
+        radiance = self._radiance(at_px)
+        depth_mm: NDArray[np.float32] | None = None
+        if self._glows and displacement_mm is not None:
+            depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
+        return self._exposure.expose(radiance, rng, depth_mm)
+
+    def _radiance(self, at_px: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Linear radiance (h, w, 3 RGB) of what the pixels see."""
         material_px, camera, raw = at_px, self.geometry.camera, self.geometry.raw
         if raw is not None:
             material_px = raw.sample(material_px)
@@ -282,12 +292,7 @@ class FrameRenderer:
         albedo = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border)
         size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
         radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
-        if raw is not None:
-            radiance = raw.pad_to_raw(radiance)
-        depth_mm: NDArray[np.float32] | None = None
-        if self._glows and displacement_mm is not None:
-            depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
-        return self._exposure.expose(radiance, rng, depth_mm)
+        return radiance if raw is None else raw.pad_to_raw(radiance)
 
 
 def _newton(

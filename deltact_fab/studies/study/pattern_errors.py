@@ -14,20 +14,21 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.estimate import ErrorTally
+from deltact_fab.estimate import ErrorTally, FlowTracker
 from deltact_fab.fabricate import SeriesEntry
 
 from . import intervals
 from .intervals import Interval
 
 Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
-SUMMED_FLOW, COMPOSED_FLOW, OUR_FLOW = "paper", "farneback-paper/composed", "fused"
+SUMMED_FLOW, COMPOSED_FLOW, OUR_FLOW = "farneback/summed", "farneback/composed", "fused"
 FLOW_NAMES = {
-    SUMMED_FLOW: "the paper's tracker, summed",
-    COMPOSED_FLOW: "the paper's tracker, composed",
+    SUMMED_FLOW: "the paper's text, summed",
+    COMPOSED_FLOW: "the paper's text, composed",
+    FlowTracker.PAPER: "the tracker of its group",
     OUR_FLOW: "our tracker",
 }
-"""The paper's "superposition" of flows may be a sum at fixed pixels or a composition."""
+"""The text's "superposition" of flows may be a sum at fixed pixels or a composition."""
 MIN_DRAG_FRAMES = 3
 """By hand: frames at one depth that make it a depth of drags; fewer take in the way down."""
 DRAG_EDGES_MM = (0.0, 1.0, 2.0, 4.0, 7.0)

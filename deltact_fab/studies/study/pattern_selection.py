@@ -34,9 +34,9 @@ from .scene import PressScene, flag_setting
 
 SELECTION_STUDY, SELECTION_TITLE = "pattern-selection", "Which pattern is tracked best"
 TRACKERS_SETTING = (
-    "the paper's: Farneback 5/13/10; the reference is renewed if the warped-back image differs by "
-    f"more than {FlowTracker.RENEW_SHARE:g} of the difference of unrelated views; flows summed "
-    "and composed; ours: fused, anchored"
+    "the paper's text: Farneback 5/13/10; the reference is renewed if the warped-back image "
+    f"differs by more than {FlowTracker.RENEW_SHARE:g} of the difference of unrelated views; flows "
+    "summed and composed; its group's: as published; ours: fused, anchored"
 )
 SELECTION_NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: if that is a "
@@ -191,8 +191,8 @@ def _bench_note(selection: Selection) -> str:
         f"Differences to the paper's bench: a printer model ({printer.dpi} dpi, "
         f"{printer.spread_um:g} um spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
         f"printer dots and {pixels:.1f} pixels), no motion blur, constant light. The paper does "
-        "not give its gel, the indenters' sizes, its positions, or the threshold for renewing "
-        "the reference."
+        "not give its gel, the indenters' sizes, its positions, or the size of the threshold for "
+        "renewing the reference: 18 grey levels in the program that its group has published."
     )
 
 

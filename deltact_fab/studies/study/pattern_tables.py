@@ -29,7 +29,7 @@ PAGE_COLUMNS = {
 }
 """Columns shown on the page; the file has all."""
 PAPER_FLOWS = (SUMMED_FLOW, COMPOSED_FLOW)
-FLOW_LABELS = {SUMMED_FLOW: "summed", COMPOSED_FLOW: "composed", OUR_FLOW: "ours"}
+FLOW_LABELS = dict(zip(FLOW_NAMES, ("summed", "composed", "published", "ours"), strict=True))
 COLUMN_PREFIX: dict[Measure, str] = {"at_dots": "", "at_moving_dots": "moving_", "off_dots": "off_"}
 """Column prefixes: error at all dots, at moving dots, at moving pixels off the dots."""
 
@@ -185,12 +185,10 @@ def _dot_loss(errors: PatternErrors, printed: SeriesEntry) -> float | None:
 
 
 def charts(errors: PatternErrors, covers: str) -> tuple[ReportFigure, ...]:
-    """Charts: the paper's tracker in both readings, and ours."""
+    """Charts: the paper's tracker in both readings and as published, and ours."""
     specs: tuple[tuple[str, Measure, str], ...] = (
-        (SUMMED_FLOW, "at_dots", "at the dots"),
-        (COMPOSED_FLOW, "at_dots", "at the dots"),
+        *((method, "at_dots", "at the dots") for method in FLOW_NAMES),
         (OUR_FLOW, "off_dots", "of moving pixels off the dots, against truth"),
-        (OUR_FLOW, "at_dots", "at the dots"),
     )
     return tuple(
         ReportFigure(

@@ -179,7 +179,7 @@ def track_press(job: TrackingJob) -> dict[str, Any]:
     for name, recipe in job.patterns.items():
         marks = stream.marks(recipe)
         printed[name] = stream.picture(recipe, job.seed), stream.noise(job.seed)
-        plan = TrackingPlan(job.methods, bool(len(marks.dots_mm)), (), timed=False)
+        plan = TrackingPlan(job.methods, bool(len(marks.dots_mm)), ())
         followers[name] = Follower(plan, marks)
     rows: dict[str, dict[str, list[dict[str, Any]]]] = {
         name: {method: [] for method in job.methods} for name in printed

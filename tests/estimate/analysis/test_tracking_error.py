@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from called import count_calls
 from numpy.typing import NDArray
 
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.tracking_error.follow import analyse_tracking
+from deltact_fab.estimate.analysis.tracking_error.follow import (
+    TrackingPlan,
+    analyse_press,
+    analyse_tracking,
+)
 from deltact_fab.estimate.analysis.tracking_error.result import TrackingResult
 from deltact_fab.estimate.analysis.tracking_error.tally import DOT_MARGIN_PX, MOVING_MM, TrueFrame
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
@@ -56,7 +62,7 @@ def test_one_frame_recounted_by_hand(mini_run: Path, result: TrackingResult) -> 
     assert truth is not None
     press = run.frames()
     press = press[press["press"] == "sphere-10/p1"]
-    tracker = FlowTracker.from_name("dis-fast")
+    tracker = FlowTracker("dis-fast")
     for row in press.itertuples():
         seen = tracker.update(run.image(str(row.file)))
         if str(row.step_id).endswith("shear-x+"):
@@ -132,15 +138,57 @@ def test_result_round_trips_through_files(result: TrackingResult, tmp_path: Path
     assert list(again.frames.columns) == list(result.frames.columns)
     with pytest.raises(InputError, match="no readable tracking analysis"):
         TrackingResult.load(tmp_path / "b")
+    old = result.as_dict() | {"format": 1}
+    (tmp_path / "a" / "tracking.json").write_text(json.dumps(old))
+    assert TrackingResult.load(tmp_path / "a").as_dict() == result.as_dict()
+    table = result.frames.assign(method="paper")
+    table.to_csv(tmp_path / "a" / "tracking.csv")
+    with pytest.raises(InputError, match="its 'paper' is what 'farneback/summed' is now"):
+        TrackingResult.load(tmp_path / "a")
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
-    [("dis", "flow method 'dis'"), ("farneback-paper/sum", "flow reference 'sum'")],
+    ("name", "says"), [("dis", "flow method 'dis'"), ("farneback/sum", "flow reference 'sum'")]
 )
 def test_unknown_methods_are_refused_first(mini_run: Path, name: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         analyse_tracking(mini_run, [name])
+
+
+OLD_NAMES = {
+    "farneback-paper": "farneback",
+    "farneback-paper/composed": "farneback/composed",
+    "paper/composed": "farneback/composed",
+    "paper": None,
+}
+
+
+@pytest.mark.parametrize("old", OLD_NAMES)
+def test_old_names_are_read_with_notice(mini_run: Path, old: str) -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        plan = TrackingPlan.for_run(open_run(mini_run), [old])
+    assert plan.methods == (OLD_NAMES[old] or old,)
+    said = f"method {old!r} is now {OLD_NAMES[old]!r}; the old name goes in 0.5"
+    assert [str(one.message) for one in told] == ([said] if OLD_NAMES[old] else [])
+
+
+BOTH_TOTALS = ("farneback/summed", "farneback/composed")
+
+
+@pytest.mark.parametrize(
+    ("methods", "updates", "farneback"),
+    [(None, 2, 0), (BOTH_TOTALS, 2, 1), (BOTH_TOTALS[:1] * 2, 1, 1)],
+)
+def test_each_flow_is_computed_once(
+    mini_run: Path, methods: tuple[str, ...] | None, updates: int, farneback: int
+) -> None:
+    """By default the recommended tracker and the paper's, and no other."""
+    run = open_run(mini_run)
+    plan, n = TrackingPlan.for_run(run, methods), len(run.frames("4dots/p1"))
+    _, calls = count_calls(lambda: analyse_press(str(mini_run), "4dots/p1", plan))
+    assert calls["flow/tracker.py update"] == updates * n
+    assert calls["~ <calcOpticalFlowFarneback>"] == farneback * (n - 1)
 
 
 def test_a_run_without_images_is_refused(mini_run: Path, tmp_path: Path) -> None:

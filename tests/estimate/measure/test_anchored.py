@@ -7,13 +7,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from called import count_calls
 
 import benchmarks.renewal
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure import compose
 from deltact_fab.estimate.measure.compose import fill_gaps
 from deltact_fab.estimate.measure.flow.confidence import FlowState
-from deltact_fab.estimate.measure.flow.renewed import FlowMethod
+from deltact_fab.estimate.measure.flow.renewed import RENEW_GREY, FlowMethod
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 
 MM_PER_PX = 0.0378
@@ -151,46 +152,68 @@ def test_half_resolution_equals_flow_at_nodes(make_scene, make_bump):
 
 def test_every_name_is_a_tracker():
     for method in FlowMethod.NAMES:
-        default = FlowTracker.from_name(method)
+        default = FlowTracker(method)
         assert default.reference == ("anchored" if method == "fused" else "composed")
-        static = FlowTracker.from_name(f"{method}/static")
+        static = FlowTracker(f"{method}/static")
         assert (static.method.name, static.reference) == (method, "static")
-    paper = FlowTracker.from_name("paper")
-    assert (paper.method.name, paper.reference) == ("farneback-paper", "summed")
-    assert FlowTracker.from_name("paper/composed").reference == "composed"
+    paper = FlowTracker("paper")
+    assert (paper.method.name, paper.reference) == ("dis-medium", "published")
     with pytest.raises(InputError, match="flow method 'fuse': unknown; did you mean 'fused'"):
-        FlowTracker.from_name("fuse")
+        FlowTracker("fuse")
     with pytest.raises(InputError, match=r"'statik' of 'fused'.*did you mean 'static'"):
-        FlowTracker.from_name("fused/statik")
+        FlowTracker("fused/statik")
     with pytest.raises(InputError, match=r"'anchored' of 'dis-fast'.*valid: composed"):
-        FlowTracker.from_name("dis-fast/anchored")
+        FlowTracker("dis-fast/anchored")
 
 
-def test_paper_renews_on_warped_difference(make_scene, make_bump):
+def test_share_renews_on_warped_difference(make_scene, make_bump):
     scene = make_scene(320, 256, margin=90)
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
     for share, switches in ((1.0, [0, 0, 0, 0]), (0.0, [1, 2, 3, 4])):
-        seen = follow(images, FlowTracker("farneback-paper", "summed", renew_share=share))
+        seen = follow(images, FlowTracker("farneback/summed", renew_share=share))
         assert [o.diagnostics.n_reference_switches for o in seen[1:]] == switches
 
 
-def test_trackers_share_flow_on_request(make_scene, make_bump, monkeypatch):
-    """A summed one beside a composed one: else the second would seem to cost nothing."""
+def test_published_tracker_renews_and_returns():
+    """Blocks of 40 px that move away and back: 20 x 20 samples of them are nearly unrelated."""
+    blocks = np.random.default_rng(1).integers(0, 256, (15, 20), np.uint8)
+    first = cv2.resize(blocks, (798, 586), interpolation=cv2.INTER_NEAREST)
+    steps = [*range(1, 6), *range(4, -1, -1)]
+    images = [first, *(np.roll(first, (25 * k, 40 * k), (0, 1)) for k in steps)]
+    seen = follow(images, FlowTracker("paper"))
+    switches = [o.diagnostics.n_reference_switches for o in seen]
+    assert 0 < switches[5] < switches[-1]
+    assert np.median(seen[5].flow_px, axis=(0, 1)) == pytest.approx((200, 125), abs=1)
+    # Back at the first reference, nothing of the way is left in the sum.
+    assert not seen[-1].flow_px.any()
+    assert seen[-1].visible.all()
+
+
+@pytest.mark.parametrize(("grey", "renewed"), [(17, 0), (19, 1)])
+def test_published_thresholds_are_grey_levels(grey, renewed):
+    """A plain change of light is a difference that no flow explains."""
+    texture = np.random.default_rng(2).integers(60, 120, (257, 319), np.uint8)
+    last = follow([texture, texture + np.uint8(grey)], FlowTracker("paper"))[-1]
+    assert last.diagnostics.n_reference_switches == renewed
+    assert last.visible.shape == last.flow_px.shape[:2] == texture.shape
+
+
+def test_equal_flows_are_computed_once(make_scene, make_bump):
+    """And their time is told by each: else the second would seem to cost nothing."""
     bump = make_bump((150, 130), 70, shear_px=(60, -20))
     scene = make_scene(320, 256, margin=90)
     images = [scene.picture(bump.scaled(k / 4), k) for k in range(5)]
-    found, calls, flow = [], [], cv2.calcOpticalFlowFarneback
-    monkeypatch.setattr(
-        cv2, "calcOpticalFlowFarneback", lambda *a, **k: calls.append(a) or flow(*a, **k)
-    )
+    found = []
     for shared, most in ((None, 8), ({}, 4)):
         pair = [
-            FlowTracker.from_name(n, shared=shared) for n in ("paper", "farneback-paper/composed")
+            FlowTracker(f"farneback/{total}", shared=shared) for total in ("summed", "composed")
         ]
-        found.append([[tracker.update(image).flow_px for tracker in pair] for image in images])
-        assert len(calls) == most
-        calls.clear()
+        seen, calls = count_calls(lambda of=pair: [[t.update(i) for t in of] for i in images])
+        assert calls["~ <calcOpticalFlowFarneback>"] == most
+        found.append([[o.flow_px for o in pair] for pair in seen])
+        first_ms, second_ms = np.sum([[o.diagnostics.cpu_ms for o in p] for p in seen[1:]], axis=0)
+        assert second_ms > 0.5 * first_ms
     assert np.array_equal(*found)
 
 
@@ -199,4 +222,10 @@ def test_renewal_possible_on_paper_patterns() -> None:
     """A threshold of 12 grey levels at a quarter of the size could on five of seventeen."""
     found = list(benchmarks.renewal.seen())
     assert len(found) == 17
-    assert all(threshold < most for _, threshold, most in found), found
+    assert all(threshold < most for _, threshold, most, _ in found), found
+    # The published one: of the paper's best patterns not by their patches, but by their dots.
+    coarse = {name: seen for name, *_, seen in found}
+    patches, dots_moved, *_ = np.transpose([coarse["d0p075-r0p6"], coarse["d0p1-r0p5"]])
+    assert (patches < 0.5 * RENEW_GREY).all()
+    assert (dots_moved > 0.9 * RENEW_GREY).all()
+    assert min(coarse["d0p2-r0p1"]) > RENEW_GREY

@@ -167,10 +167,10 @@ def test_light_does_not_matter(light, sequence):
 @pytest.mark.parametrize("name", ["dis-fast", "dis-fast/static", "paper"])
 def test_trackers_share_confidence_rule(name, sequence):
     images, truths, _ = sequence
-    true = follow(images, FlowTracker.from_name(name))
+    true = follow(images, FlowTracker(name))
     assert true.diagnostics.trusted
     assert (off_px(true, truths[-1])[true.confident] > 2.6).mean() < 0.05
-    turned = follow([images[0], images[0][::-1, ::-1]], FlowTracker.from_name(name))
+    turned = follow([images[0], images[0][::-1, ::-1]], FlowTracker(name))
     assert turned.confident.mean() <= 0.005
     assert not turned.diagnostics.trusted
 

@@ -122,7 +122,7 @@ def test_composed_path_outside_stays_invisible(make_scene, make_bump):
         for k, s in enumerate(way)
     ]
     out = run(images, "dis-medium", renew_share=0.0)
-    static = run(images, "dis-medium", reference="static")
+    static = run(images, "dis-medium/static")
     columns = out[4].visible[40:-40].mean(axis=0)
     assert columns[: 320 - 63].min() == 1.0
     assert columns[320 - 57 :].max() == 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -65,6 +67,16 @@ def test_image_axes_are_sensor_axes() -> None:
     assert red[60, 120] > red[60, 40] + 20  # +x to the right
     assert green[90, 80] > green[30, 80] + 20  # +y down
     assert abs(int(blue[60, 40]) - int(blue[60, 120])) <= 3
+
+
+@pytest.mark.parametrize("grey", [40.0, 120.0, 220.0])
+def test_exposure_meets_grey_at_rest(grey: float) -> None:
+    """At 220 a part of the picture is white."""
+    sensor = replace(NOISELESS, auto_exposure_grey=grey, contact_glow_per_mm=1.0)
+    picture = FrameRenderer(PictureGeometry(CAMERA, LATTICE), ramp_texture(), 0.02, sensor)
+    rest, pressed = (picture.render(u, np.random.default_rng(0)) for u in (None, bump(0.9)))
+    assert rest.mean() == pytest.approx(grey, abs=1.5)
+    assert pressed.mean() > rest.mean() + 1  # not set again
 
 
 def test_folded_face_is_refused() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from called import count_calls
 
 from benchmarks.star import Star
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
@@ -52,3 +53,12 @@ def test_rendered_frame_has_requested_motion(tmp_path: Path) -> None:
     # The same against a truth that is 2 px elsewhere: every confident pixel is wrong.
     false = FlowSequence(given.images, given.truth_px + np.float32(2))
     assert flow.track_sequence(FlowTracker(), given.images[::4], false).wrong == 1
+
+
+@pytest.mark.slow
+def test_trackers_differ_and_run_once(tmp_path: Path) -> None:
+    works = [s.build(tmp_path) for s in flow.curves(False) if s.case == flow.FAR_CASE]
+    flows, calls = count_calls(lambda: [work.run() for work in works])
+    n_frames = len(flow_frames.scene(tmp_path, "far").images)
+    assert calls["flow/tracker.py update"] == n_frames * len(works)
+    assert len({found.tobytes() for found in flows}) == len(works) > 2

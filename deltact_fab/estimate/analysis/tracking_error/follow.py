@@ -6,6 +6,7 @@ of a run are analysed in parallel.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -21,7 +22,7 @@ from deltact_fab.bench import Run, open_run
 from deltact_fab.common import InputError, Progress, RunFailed, SensorError, run_each
 
 from ...measure.flow.confidence import FlowObservation, FlowState
-from ...measure.flow.renewed import FlowMethod
+from ...measure.flow.renewed import FUSED_METHOD, FlowMethod
 from ...measure.flow.tracker import FlowTracker
 from ..runs import read_frames
 from .result import TrackingResult
@@ -36,16 +37,15 @@ from .tally import (
     sample_flow,
 )
 
-# Ours, a cheaper one, the paper's, and the paper's flow composed in place of summed.
-DEFAULT_METHODS = ("fused", "dis-medium", "paper", "farneback-paper/composed")
+DEFAULT_METHODS = (FUSED_METHOD, FlowTracker.PAPER)
+"""The recommended tracker, and the paper's beside it."""
 
 
 @dataclass(frozen=True)
 class TrackingPlan:
     """Plan of an analysis: which methods follow a run, and whether its dots are followed.
 
-    left_out: one line per comparison that is not possible. timed: measure each method's CPU time;
-    else methods share common computations.
+    left_out: one line per comparison that is not possible.
     """
 
     DOTS_ONLY_LAW: ClassVar = "dot-matrix"
@@ -54,16 +54,16 @@ class TrackingPlan:
     methods: tuple[str, ...]
     dots: bool
     left_out: tuple[str, ...]
-    timed: bool = True
 
     @classmethod
     def for_run(cls, run: Run, methods: Sequence[str] | None) -> TrackingPlan:
-        """Plan the analysis of a run; methods: None for the default ones.
+        """Plan the analysis of a run; methods: None for the default ones, names of 0.3 are read.
 
         Raises InputError for an unknown method, or a dense one for a pattern of dots only.
         """
-        for name in methods or ():
-            FlowTracker.from_name(name)
+        methods = list(dict.fromkeys(map(_current_name, methods or ())))
+        for name in methods:
+            FlowTracker(name)
         n_dots = len(run.dots_mm())
         if run.pattern["recipe"]["law"] == cls.DOTS_ONLY_LAW:
             if methods:
@@ -84,6 +84,16 @@ class TrackingPlan:
         return cls(tuple(methods or DEFAULT_METHODS), bool(n_dots and requested), tuple(left_out))
 
 
+def _current_name(name: str) -> str:
+    """Name of a method, given that or the one of 0.3, of which it warns."""
+    method, slash, reference = name.partition("/")
+    if method != "farneback-paper" and (method != FlowTracker.PAPER or not slash):
+        return name
+    current = f"farneback{slash}{reference}"
+    warnings.warn(f"method {name!r} is now {current!r}; the old name goes in 0.5", FutureWarning, 2)
+    return current
+
+
 class Follower:
     """Tracker of a press by all methods; the first frame is the reference of flow and dots.
 
@@ -94,9 +104,9 @@ class Follower:
         self.tallies = {name: ErrorTally() for name in plan.methods}
         self.dots = DotFollower(marks) if plan.dots else None
         self.left_out: list[str] = []
-        shared: dict[str, FlowMethod] | None = None if plan.timed else {}
+        shared: dict[str, FlowMethod] = {}
         names = [name for name in plan.methods if name != DOTS_METHOD]
-        self._flows = {name: FlowTracker.from_name(name, shared=shared) for name in names}
+        self._flows = {name: FlowTracker(name, shared=shared) for name in names}
         self._scale = marks.camera.mm_per_px
         self._off_dots = off_dots(marks.camera, marks.dots_mm, marks.diameter_mm)
         self._has_reference = False
@@ -150,11 +160,14 @@ def _tally_frame(observed: FlowObservation, frame: TrueFrame | None, scale: floa
     tally.switches = last.n_reference_switches
     tally.lost_share.add(float((observed.state == FlowState.LOST).mean()))
     if frame is not None:
-        moving = frame.moving
-        errors = np.linalg.norm(flow[moving] - frame.flow_px[moving], axis=-1) * scale
-        tally.add_moving(errors, (observed.confident & observed.visible)[moving])
-        in_plane = flow[moving] * scale - frame.in_plane_mm[moving]
-        tally.in_plane.add(np.linalg.norm(in_plane, axis=-1))
+        index = np.flatnonzero(frame.moving)
+        found_px, true_px, in_plane_mm = (
+            vectors.reshape(-1, 2).take(index, axis=0)
+            for vectors in (flow, frame.flow_px, frame.in_plane_mm)
+        )
+        confident = (observed.confident & observed.visible).ravel()[index]
+        tally.add_moving(np.hypot(*(found_px - true_px).T) * scale, confident)
+        tally.in_plane.add(np.hypot(*(found_px * scale - in_plane_mm).T))
         tally.peak_true_mm = frame.peak_mm
     return tally
 

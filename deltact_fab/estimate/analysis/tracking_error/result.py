@@ -147,6 +147,8 @@ class TrackingResult:
     dots: None where they were not tracked. left_out: one line per comparison not made.
     """
 
+    FORMAT: ClassVar = 2
+    """Of tracking.json; before, "paper" was another tracker."""
     PAPER_BEST_MM: ClassVar = 0.08
     """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
     WRONG_MM: ClassVar = WRONG_FLOW_MM
@@ -175,6 +177,7 @@ class TrackingResult:
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the table of frames."""
         return {
+            "format": self.FORMAT,
             "verdict": asdict(self.verdict),
             "simulated": self.simulated,
             "seed": self.seed,
@@ -201,6 +204,8 @@ class TrackingResult:
         try:
             data = read_json(folder / "tracking.json")
             frames = pd.read_csv(folder / "tracking.csv")
+            if "paper" in frames["method"].values and data.get("format") != cls.FORMAT:
+                raise ValueError("its 'paper' is what 'farneback/summed' is now")
             return cls(
                 data["methods"], data["by_indenter"], data["dots"], data["left_out"], frames,
                 data["mm_per_px"], data["simulated"], data["seed"],

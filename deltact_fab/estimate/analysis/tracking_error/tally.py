@@ -271,11 +271,12 @@ class TrueFrame:
         h, w = imaged.shape
         y, x = np.mgrid[:h, :w]
         to = np.stack((x + flow[..., 0], y + flow[..., 1]), axis=-1)
-        visible = is_inside(to, h, w)
+        visible = is_inside(to, h, w) & imaged
         # Where a steep flank folds the image, several face points share a pixel.
-        disputed = folded_pixels(to, imaged.shape)
-        column, row = np.rint(to[visible]).astype(int).T
-        visible[visible] = imaged[visible] & imaged[row, column] & ~disputed[row, column]
+        clear = imaged & ~folded_pixels(to, imaged.shape)
+        if not clear.all():
+            column, row = np.rint(to[visible]).astype(int).T
+            visible[visible] = clear[row, column]
         length_mm = np.hypot(flow[..., 0], flow[..., 1]) * mm_per_px
         peak = float(length_mm[visible].max()) if visible.any() else None
         return cls(flow, in_plane, visible & (length_mm >= MOVING_MM), peak)

@@ -265,7 +265,7 @@ class TrackedFrame:
 
     flow_px, matched, known, confident: on the half grid. full_px: (h, w, 2), of trackers
     with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
-    over; None if it is not composed.
+    over; None if it is not composed. reused_s: CPU time of flow that another tracker had computed.
     """
 
     flow_px: Array
@@ -275,6 +275,7 @@ class TrackedFrame:
     full_px: Array | None = None
     inside: Array | None = None
     n_reference_switches: int = 0
+    reused_s: float = 0.0
 
 
 class PreparedImage(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -29,7 +28,7 @@ from .fused import (
     predict,
     to_full,
 )
-from .renewed import FUSED_METHOD, FlowMethod, RenewedTracker
+from .renewed import FUSED_METHOD, PUBLISHED_METHOD, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
 LOST_SHARE = 0.1  # of textured nodes; fewer confident: the reference is not in view; decision 0061
@@ -133,63 +132,50 @@ class AnchoredTracker:
         return RefinedFlow(*parts), found[1] | new, found[2] | new
 
 
-FlowReference = Literal["anchored", "composed", "summed", "static"]
-
-
 class FlowTracker:
     """Total flow through a sequence of images.
 
-    reference: "anchored" (`AnchoredTracker`, by `fused` only), or "composed", "summed" and "static"
-    (`RenewedTracker`) by any method; by default anchored for `fused` and composed for the others.
-    renew_share: threshold at which those renew their reference.
-    full: False returns all arrays on the half grid (see `FlowObservation`).
-    Raises InputError for unknown names.
+    name: PAPER, a method, or method/reference: "anchored" (`AnchoredTracker`, by `fused` only),
+    "composed", "summed", "static" or, by `dis-medium` only, "published" (`RenewedTracker`); by
+    default anchored for `fused` and composed for the others. renew_share: see `RenewedTracker`.
+    full: False returns all arrays on the half grid (see `FlowObservation`). shared: methods by name
+    of several trackers of one sequence, which compute equal flows once.
+    Raises InputError with the valid names.
     """
 
-    REFERENCES: tuple[FlowReference, ...] = get_args(FlowReference)
+    REFERENCES = ("anchored", "composed", "summed", "static", "published")
+    PAPER = "paper"
+    """Name of the tracker that the paper's group has published."""
     RENEW_SHARE = 0.25
-    """Share of the difference between unrelated views. The paper gives no threshold: at 0.25
-    its order of patterns and nearly its figures come out, at 0.5 not
-    (docs/evidence/study-methods.md)."""
+    """By hand: share of the difference between unrelated views. The paper has a fixed threshold on
+    a coarser flow, as the published tracker. By this one, on the flow itself, its order of patterns
+    and nearly its figures come out; at 0.5 they do not (docs/evidence/study-methods.md)."""
 
     def __init__(
         self,
-        method: FlowMethod | str = FUSED_METHOD,
-        reference: str | None = None,
+        name: str = FUSED_METHOD,
         *,
         full: bool = True,
         renew_share: float = RENEW_SHARE,
+        shared: dict[str, FlowMethod] | None = None,
     ) -> None:
-        self.method = FlowMethod(method) if isinstance(method, str) else method
-        fused = self.method.name == FUSED_METHOD
-        available = [k for k in self.REFERENCES if k != "anchored" or fused]
-        reference_name = reference or available[0]
-        chosen = next((k for k in available if k == reference_name), None)
-        if chosen is None:
+        current = f"{PUBLISHED_METHOD}/published" if name == self.PAPER else name
+        method, _, reference = current.partition("/")
+        self.method = FlowMethod(method)
+        if shared is not None:
+            self.method = shared.setdefault(name.partition("/")[0], self.method)
+        needed = {"anchored": FUSED_METHOD, "published": PUBLISHED_METHOD}
+        available = [k for k in self.REFERENCES if needed.get(k, method) == method]
+        self.reference = reference or available[0]
+        if self.reference not in available:
             raise InputError(
-                f"flow reference {reference_name!r} of {self.method.name!r}: not available; "
-                f"{did_you_mean(reference_name, available)}"
+                f"flow reference {reference!r} of {method!r}: not available; "
+                f"{did_you_mean(reference, available)}"
             )
-        self.reference = chosen
         self.full, self.renew_share = full, renew_share
         self._tracker: AnchoredTracker | RenewedTracker | None = None
         self._shape: tuple[int, ...] = ()
         self._frame = 0
-
-    @classmethod
-    def from_name(cls, name: str, *, shared: dict[str, FlowMethod] | None = None) -> FlowTracker:
-        """Create the tracker `method` or `method/reference`; `paper` stands for `farneback-paper`.
-
-        By default `fused` is anchored, `paper` summed, any other method composed. shared: cache of
-        methods by name for several trackers, whose CPU time is then shared too. Raises InputError
-        with the valid names.
-        """
-        method, _, reference = name.partition("/")
-        reference = reference or ("summed" if method == FlowMethod.PAPER else "")
-        flow_method = FlowMethod(method)
-        if shared is not None:
-            flow_method = shared.setdefault(flow_method.name, flow_method)
-        return cls(flow_method, reference or None)
 
     def update(self, image: Array) -> FlowObservation:
         """Track one more image: (h, w, 3) BGR or (h, w) grey, uint8, like the first one.
@@ -251,7 +237,7 @@ class FlowTracker:
         share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
         for out in (flow, visible, confident, state):
             out.setflags(write=False)  # some are used for later frames
-        cpu_ms = (time.process_time() - ready.start_s) * 1e3
+        cpu_ms = (time.process_time() - ready.start_s + frame.reused_s) * 1e3
         return FlowObservation(
             flow, visible, confident, state,
             FlowDiagnostics(ready.frame, frame.n_reference_switches, judge.textured_share, trusted,
