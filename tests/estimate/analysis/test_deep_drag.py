@@ -60,7 +60,7 @@ def dragged(protocol: str, rig: str, out: Path, *methods: str) -> dict[str, dict
 
 
 @pytest.mark.slow
-def test_force_and_depth_after_jump_are_right_or_flagged(tmp_path: Path) -> None:
+def test_force_after_jump_right_or_flagged(tmp_path: Path) -> None:
     """The images of a run in order, then each fourth at once after the reference, three times."""
     protocol, rig = tmp_path / "short.toml", tmp_path / "coarse.toml"
     protocol.write_text(SHORT.replace('"shear"]', '"shear", "force"]'))

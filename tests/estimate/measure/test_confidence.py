@@ -125,7 +125,7 @@ def test_plain_half_is_not_known(level, sequence):
         assert (seen.state > FlowState.LOST)[20:-20, 20 : W // 2 - 60].mean() > 0.95
 
 
-def test_plain_between_drawn_lines_is_not_known(make_bump):
+def test_plain_between_lines_is_unknown(make_bump):
     """A white skin with a drawn grid of 90 px, its cells four times as wide as a window."""
     bump, tracker, x = make_bump((230, 180), 90, shear_px=(4.0, -2.0)), FlowTracker(), np.arange(W)
     for k in range(5):

@@ -169,7 +169,7 @@ def test_known_beside_hair_and_bubble(scene: str, pattern: str) -> None:
 
 
 @pytest.mark.slow
-def test_jumped_face_is_found_in_three_images() -> None:
+def test_jumped_face_recovers_in_three_images() -> None:
     rows = list(judge("jump", "coarse"))
     print(rows)
     assert all(row.trusted and row.known_wrong <= 0.01 for row in rows)

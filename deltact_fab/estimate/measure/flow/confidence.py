@@ -28,7 +28,7 @@ KEEP_DET = 0.12
 CHROMA_MIN = 0.5
 COLOUR_SHARE = 0.45  # of the luma deviation; measured with a Bayer mosaic: grey 0.38, colour 0.61
 GREY_MIN = 0.7
-DEVIATION_MAX_PX, SEEN_MAX_PX = 0.36, 0.7
+DEVIATION_MAX_PX, OBSERVED_MAX_PX = 0.36, 0.7
 EDGE_GAP_PX, EDGE_NODES = 3.0, 3
 WINDOW_PX, FIT_PX, SUPPORT_PX = 20, 28, 68
 OFF_CENTRE_MAX_PX = 6.0
@@ -45,15 +45,15 @@ _WINDOW_CELLS, _FIT_CELLS, _SUPPORT_CELLS = (
 
 class FlowState(IntEnum):
     LOST = 0
-    """Not seen in this image, nor surrounded by nodes that are: a guess."""
+    """Not observed in this image, nor enclosed by nodes that are: a guess."""
     PREDICTED = 1
-    """Filled from seen nodes around."""
+    """Filled from observed nodes around."""
     MATCHED = 2
-    """Seen in this image, or matched and like the seen nodes around."""
+    """Observed in this image, or matched and like the observed nodes around."""
 
 
 class ConfidenceEstimator:
-    """Rules for valid, seen and confident nodes, with the first image prepared once.
+    """Rules for valid, observed and confident nodes, with the first image prepared once.
 
     Valid, so that a node starts the next image from its own flow: the tracked channel correlates
     above KEEP_CORRELATION, it lands inside the image, and the flow around it does not shrink areas
@@ -67,8 +67,8 @@ class ConfidenceEstimator:
 
     Confident: agreeing, as SUPPORT_SHARE or more of the nodes with detail in SUPPORT_PX around, and
     the predicted deviation with the remaining steps around (root mean square over FIT_PX, for
-    `fused`) is below DEVIATION_MAX_PX. Seen: the same below SEEN_MAX_PX where there is colour.
-    Known: seen, or FILL_SHARE or more of the nodes around are seen (decision 0083).
+    `fused`) is below DEVIATION_MAX_PX. Observed: the same below OBSERVED_MAX_PX where there is
+    colour. Known: observed, or enclosed by FILL_SHARE of observed nodes around (decision 0083).
 
     A frame is trusted if TEXTURED_SHARE or more of the first image has a standard deviation of
     TEXTURE_MIN grey levels in detail finer than FINE_PX, at full size, and TRUSTED_FLOW_SHARE or
@@ -87,7 +87,7 @@ class ConfidenceEstimator:
         self.textured = self._fine((power >= TEXTURE_MIN**2) & self._is_central(plane.gray))
         self.textured_share = float(self.textured.mean())
         self._textured_near = self._near(self.textured)
-        self._seen_px2: Array = np.float32(DEVIATION_MAX_PX**2)
+        self._observed_px2: Array = np.array(DEVIATION_MAX_PX**2, np.float32)
         if self._colour:
             self._secondary = [channel.astype(np.float32) - 128 for channel in _secondary(image)]
             self._mean = [self._means(channel) for channel in self._secondary]
@@ -96,7 +96,7 @@ class ConfidenceEstimator:
             luma = shrink(plane.gray, 2).astype(np.float32)
             contrast = self._means(luma * luma) - self._means(luma) ** 2
             self._colourless = self._fine(self._power < COLOUR_SHARE**2 * contrast)
-            self._seen_px2 = np.where(self._colourless, DEVIATION_MAX_PX, SEEN_MAX_PX) ** 2
+            self._observed_px2 = np.where(self._colourless, DEVIATION_MAX_PX, OBSERVED_MAX_PX) ** 2
 
     def secondary_match(self, image: Array | SampledImage) -> list[Array]:
         """Return chroma planes of the current image (h, w[, 3]) for `check`; none of a grey one."""
@@ -125,7 +125,7 @@ class ConfidenceEstimator:
         return valid, agreeing
 
     def select(self, match: RefinedFlow, valid: Array, agreeing: Array) -> tuple[Array, Array]:
-        """Select confident and seen nodes, (hh, ww) bool each, of a fit of `fused`.
+        """Select confident and observed nodes, (hh, ww) bool each, of a fit of `fused`.
 
         A single node's step may be 0 by chance, so steps of valid nodes around are averaged.
         """
@@ -135,23 +135,24 @@ class ConfidenceEstimator:
         rest_px2 = self._fine(total / np.maximum(n, np.float32(1e-3)))
         expected_px2 = match.deviation_px**2 + rest_px2
         confident = self.supported(agreeing & (expected_px2 < DEVIATION_MAX_PX**2))
-        return confident, self.supported(agreeing & (expected_px2 < self._seen_px2))
+        return confident, self.supported(agreeing & (expected_px2 < self._observed_px2))
 
     def supported(self, agreeing: Array) -> Array:
         """True for agreeing nodes with enough agreeing nodes around, (hh, ww) bool."""
         return np.asarray(agreeing & (self._near(agreeing) >= SUPPORT_SHARE * self._textured_near))
 
-    def surround(self, seen: Array) -> Array:
-        """True for seen nodes and those that they surround, (hh, ww) bool."""
-        # A node at the border lands too near to it to be seen; the next ones bound it.
+    def enclose(self, observed: Array) -> Array:
+        """True for observed nodes and those that they enclose, (hh, ww) bool."""
+        # A node at the border lands too near to it to be observed; the next ones bound it.
         n = EDGE_NODES
-        bounding = np.pad(seen[n:-n, n:-n], n, mode="edge")
-        return np.asarray(seen | (self._near(bounding) >= FILL_SHARE))
+        bounding = np.pad(observed[n:-n, n:-n], n, mode="edge")
+        return np.asarray(observed | (self._near(bounding) >= FILL_SHARE))
 
-    def node_states(self, matched: Array, known: Array) -> Array:
+    @staticmethod
+    def node_states(matched: Array, enclosed: Array) -> Array:
         """Return the FlowState of each node, (hh, ww) uint8."""
-        state = known.astype(np.uint8)
-        state[known & matched] = FlowState.MATCHED
+        state = enclosed.astype(np.uint8)
+        state[enclosed & matched] = FlowState.MATCHED
         return state
 
     def is_trusted(self, confident: Array) -> bool:
@@ -192,14 +193,15 @@ class ConfidenceEstimator:
         A fit gives the motion of the place where the squared gradients of its window lie.
         """
         steps = (cv2.Sobel(gray, cv2.CV_32F, x, 1 - x, borderType=_EDGE_MODE) for x in (1, 0))
-        energy = shrink(sum(step * step for step in steps), _COARSE_PX) + np.float32(1e-3)
+        energy = shrink(np.sum([step * step for step in steps], axis=0), _COARSE_PX)
+        energy += np.float32(1e-3)
         y, x = (np.arange(n, dtype=np.float32) for n in energy.shape)
         total, along, down = (
             cv2.blur(part, _WINDOW_CELLS, borderType=cv2.BORDER_REFLECT)
             for part in (energy, energy * x, energy * y[:, None])
         )
-        off = np.hypot(along / total - x, down / total - y[:, None])
-        return np.asarray(off * _COARSE_PX <= OFF_CENTRE_MAX_PX)
+        offset = np.hypot(along / total - x, down / total - y[:, None])
+        return np.asarray(offset * _COARSE_PX <= OFF_CENTRE_MAX_PX)
 
     def _fine(self, coarse: Array) -> Array:
         hh, ww = (-(-s // 2) for s in self._shape)
@@ -263,19 +265,27 @@ class FlowObservation:
 class TrackedFrame:
     """Flow of a frame from a tracker, before its confidence is computed.
 
-    flow_px, matched, known, confident: on the half grid. full_px: (h, w, 2), of trackers
-    with a flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
+    flow_px, matched, enclosed, confident: on the half grid. full_px: (h, w, 2), of trackers with a
+    flow at every pixel. inside: (h, w) bool, the flow never left an image it was composed
     over; None if it is not composed. reused_s: CPU time of flow that another tracker had computed.
     """
 
     flow_px: Array
     matched: Array
-    known: Array
+    enclosed: Array
     confident: Array
     full_px: Array | None = None
     inside: Array | None = None
     n_reference_switches: int = 0
     reused_s: float = 0.0
+
+
+class CheckedMatch(NamedTuple):
+    """Fit of `fused` with its valid and its agreeing nodes, (hh, ww) bool each."""
+
+    match: RefinedFlow
+    valid: Array
+    agreeing: Array
 
 
 class PreparedImage(NamedTuple):

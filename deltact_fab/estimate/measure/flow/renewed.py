@@ -158,8 +158,10 @@ class RenewedTracker:
         match = self._first.evaluate(ready.plane, nodes)
         valid, agreeing = self.judge.check(ready.secondary_match, match)
         confident = self.judge.supported(agreeing)
-        known, reused_s = self.judge.surround(confident), self._method.reused_s
-        return TrackedFrame(nodes, valid, known, confident, full, inside, self._switches, reused_s)
+        enclosed, reused_s = self.judge.enclose(confident), self._method.reused_s
+        return TrackedFrame(
+            nodes, valid, enclosed, confident, full, inside, self._switches, reused_s
+        )
 
     def _view(self, image: Array) -> Array:
         return shrink(to_gray(image), 2) if self._published else to_gray(image)

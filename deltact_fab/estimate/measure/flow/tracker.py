@@ -12,6 +12,7 @@ from deltact_fab.common import Array, InputError, SensorError, did_you_mean
 from ..compose import denoise, fill_gaps, landing_px, sample, shrink
 from .confidence import (
     TEXTURE_MIN,
+    CheckedMatch,
     ConfidenceEstimator,
     FlowDiagnostics,
     FlowObservation,
@@ -36,10 +37,7 @@ SEARCH_SHARE = 0.02  # of textured nodes; more lost at once are searched for; by
 MAX_SEARCHES = 3  # images in a row in which a search finds nothing; by hand
 MAX_ROUNDS = 6  # of a search from neighbours, which gains a window's half each; by hand
 ROUND_SHARE = 0.002  # of textured nodes; a round that gains less is the last; by hand
-LIKE_PX = 1.0  # of what seen neighbours predict; by hand: farther is another match
-
-
-_Found = tuple[RefinedFlow, Array, Array]
+LIKE_PX = 1.0  # of what observed neighbours predict; by hand: farther is another match
 
 
 class AnchoredTracker:
@@ -51,7 +49,7 @@ class AnchoredTracker:
         self._previous = reference.plane
         self._flow: Array = np.zeros((*reference.plane.small.shape, 2), np.float32)
         self._last_seen = shrink(self._flow, COARSE_NODES)
-        self._n_textured, self._n_agreeing = int(np.count_nonzero(judge.textured)), 0
+        self._n_textured, self._n_agreeing = _count(judge.textured), 0
         self._n_searches, self._is_lost = 0, False
 
     def ahead(self, plane: Plane) -> Array:
@@ -70,66 +68,70 @@ class AnchoredTracker:
         if not self._is_lost:
             landing = landing_px(start * np.float32(0.5 / COARSE_NODES))
             start += sample(ready.ahead_px, landing)
-        found = self._match(ready, start)
+        checked = self._match(ready, start)
         least_change = SEARCH_SHARE * self._n_textured
-        n_agreeing = np.count_nonzero(found[2])
+        n_agreeing = _count(checked.agreeing)
         if n_agreeing < self._n_agreeing - least_change:
             self._n_searches = MAX_SEARCHES
         if self._n_searches or self._is_lost:
-            found = self._search(ready, found)
-            gained = np.count_nonzero(found[2]) > n_agreeing + least_change
+            checked = self._search(ready, checked)
+            gained = _count(checked.agreeing) > n_agreeing + least_change
             self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
-        match, valid, agreeing = found
-        confident, seen = self.judge.select(match, valid, agreeing)
+        match, valid, agreeing = checked
+        confident, observed = self.judge.select(match, valid, agreeing)
         # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
-        filled = fill_gaps(match.flow_px, agreeing, seen)
+        filled = fill_gaps(match.flow_px, agreeing, observed)
         flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
         flow = denoise(flow, match.deviation_px, valid)
-        self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
+        self._is_lost = _count(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
-            self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
-            coarse = shrink(seen.astype(np.float32), COARSE_NODES) > 0.5
+            self._flow, self._n_agreeing = flow, _count(agreeing)
+            coarse = shrink(observed.astype(np.float32), COARSE_NODES) > 0.5
             self._last_seen[coarse] = shrink(flow, COARSE_NODES)[coarse]
-        # A match that is not seen starts the next image; a result is what the seen ones predict.
-        known = self.judge.surround(seen)
+        # A match that is not observed starts the next image, and is a result only if it is like
+        # those that are.
+        enclosed = self.judge.enclose(observed)
         near = cv2.inRange(flow - filled, (-LIKE_PX,) * 2, (LIKE_PX,) * 2).view(bool)
-        flow = cv2.copyTo(flow, (near | ~known).view(np.uint8), filled)
-        return TrackedFrame(flow, valid & near, known, confident)
+        flow = cv2.copyTo(flow, (near | ~enclosed).view(np.uint8), filled)
+        return TrackedFrame(flow, valid & near, enclosed, confident)
 
-    def _search(self, ready: PreparedImage, found: _Found) -> _Found:
-        """Search for the nodes that do not agree; of the first find, and as `_match`."""
+    def _search(self, ready: PreparedImage, checked: CheckedMatch) -> CheckedMatch:
+        """Search for the nodes that do not agree."""
         starts = [shrink(predict(self._reference.plane, ready.plane), COARSE_NODES)]
         if not self._is_lost:  # else tried: it is the last flow
             starts.append(self._last_seen)
         for start in starts:
-            found = self._add(found, self._match(ready, start))
+            checked = self._add(checked, self._match(ready, start))
         for _ in range(MAX_ROUNDS):
-            match, _, agreeing = found
-            n_agreeing = np.count_nonzero(agreeing)
+            match, _, agreeing = checked
+            n_agreeing = _count(agreeing)
             if n_agreeing < LOST_SHARE * self._n_textured:
                 break
             supported = self.judge.supported(agreeing)
             start = shrink(fill_gaps(match.flow_px, supported, supported), COARSE_NODES)
-            found = self._add(found, self._match(ready, start))
-            if np.count_nonzero(found[2]) - n_agreeing < ROUND_SHARE * self._n_textured:
+            checked = self._add(checked, self._match(ready, start))
+            if _count(checked.agreeing) - n_agreeing < ROUND_SHARE * self._n_textured:
                 break
-        return found
+        return checked
 
-    def _match(self, ready: PreparedImage, start: Array) -> _Found:
-        """Refine from a start at coarse nodes; with masks of the valid and the agreeing nodes."""
+    def _match(self, ready: PreparedImage, start: Array) -> CheckedMatch:
+        """Refine from a start at coarse nodes, and check."""
         match = self._reference.refine(ready.plane, start)
-        valid, agreeing = self.judge.check(ready.secondary_match, match)
-        return match, valid, agreeing
+        return CheckedMatch(match, *self.judge.check(ready.secondary_match, match))
 
     @staticmethod
-    def _add(found: _Found, other: _Found) -> _Found:
-        """Add the nodes that agree in the other only."""
-        new = other[2] & ~found[2]
+    def _add(checked: CheckedMatch, extra: CheckedMatch) -> CheckedMatch:
+        """Add the nodes that agree in the second only."""
+        new = extra.agreeing & ~checked.agreeing
         parts = (
             cv2.copyTo(part, new.view(np.uint8), into)
-            for into, part in zip(found[0], other[0], strict=True)
+            for into, part in zip(checked.match, extra.match, strict=True)
         )
-        return RefinedFlow(*parts), found[1] | new, found[2] | new
+        return CheckedMatch(RefinedFlow(*parts), checked.valid | new, checked.agreeing | new)
+
+
+def _count(mask: Array) -> int:
+    return int(np.count_nonzero(mask))
 
 
 class FlowTracker:
@@ -226,15 +228,15 @@ class FlowTracker:
         inside = judge.inside(landing_nodes(flow))
         confident = frame.confident
         trusted = judge.is_trusted(confident)
-        state = judge.node_states(frame.matched, frame.known & inside)
+        state = judge.node_states(frame.matched, frame.enclosed & inside)
         if self.full:
             flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
             visible = _to_pixels(inside, shape) if frame.inside is None else frame.inside
             state, confident = _to_pixels(state, shape), _to_pixels(confident, shape)
         else:
             visible = inside if frame.inside is None else frame.inside[::2, ::2]
-        n_visible = int(np.count_nonzero(visible))
-        share = int(np.count_nonzero(confident & visible)) / max(n_visible, 1)
+        n_visible = _count(visible)
+        share = _count(confident & visible) / max(n_visible, 1)
         for out in (flow, visible, confident, state):
             out.setflags(write=False)  # some are used for later frames
         cpu_ms = (time.process_time() - ready.start_s + frame.reused_s) * 1e3
