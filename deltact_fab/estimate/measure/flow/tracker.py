@@ -11,6 +11,7 @@ from deltact_fab.common import Array, InputError, SensorError, did_you_mean
 
 from ..compose import denoise, fill_gaps, landing_px, sample, shrink
 from .confidence import (
+    DEVIATION_MAX_PX,
     TEXTURE_MIN,
     ConfidenceEstimator,
     FlowDiagnostics,
@@ -84,7 +85,9 @@ class AnchoredTracker:
         # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
         filled = fill_gaps(match.flow_px, agreeing, seen)
         flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
-        flow = denoise(flow, match.deviation_px, valid)
+        flow, rough_px2 = denoise(flow, match.deviation_px, valid)
+        smooth = rough_px2 < DEVIATION_MAX_PX**2
+        confident, seen = confident & smooth, seen & smooth
         self._is_lost = np.count_nonzero(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
             self._flow, self._n_agreeing = flow, np.count_nonzero(agreeing)
