@@ -75,7 +75,9 @@ CELL_NODES = 4  # nodes along a cell; by hand: larger cells are faster and blur 
 FILL_WINDOW_CELLS = (5, 13, 33, 97)  # by hand: smallest window first, each 2.5 to 3 times larger
 MIN_KNOWN_SHARE = 0.15  # of a window to rely on it alone; by hand: less fits planes to few nodes
 _SUM_UV = np.ones((1, 2), np.float32)
-NOISE_WINDOW_NODES = 13  # window of the Wiener filter, decision 0061
+SMOOTH_CELLS, WIDE_CELLS, ROUGH_CELLS = 7, 15, 5  # triangular windows of `denoise`; decision 0061
+NOISE_LEFT = np.float32(0.2)  # of its power, by means over SMOOTH_CELLS; 0.13 of white noise
+ROUGH_FACTOR = np.float32(4.5)  # by hand: beside a bubble the error is then 1.2 deviations or less
 SLOPE_RIDGE = 0.3  # ridge on the plane's slopes; by hand: more turns planes into means
 
 
@@ -88,7 +90,6 @@ def fill_gaps(flow: Array, reliable: Array, valid: Array) -> Array:
     """
     if valid.all():
         return flow
-    h, w = valid.shape
     weight = reliable.astype(np.float32)
     weighted = (f * weight for f in cv2.split(flow))
     n, u, v = (shrink(part, CELL_NODES) for part in (weight, *weighted))
@@ -111,23 +112,49 @@ def fill_gaps(flow: Array, reliable: Array, valid: Array) -> Array:
         if total.min(initial=1.0) > 0.999:
             break
     values[gaps] = (sums_uv / np.maximum(total, 1e-6)).T
-    out = cv2.resize(values, None, fx=CELL_NODES, fy=CELL_NODES, interpolation=cv2.INTER_LINEAR)
-    return cv2.copyTo(flow, valid.view(np.uint8), np.ascontiguousarray(out[:h, :w]))
+    filled = np.ascontiguousarray(_expand(values, valid.shape))
+    return cv2.copyTo(flow, valid.view(np.uint8), filled)
 
 
-def denoise(flow: Array, deviation_px: Array, valid: Array) -> Array:
-    """Return the flow (h, w, 2) float32 with its white noise reduced.
+def denoise(flow: Array, deviation_px: Array, valid: Array) -> tuple[Array, Array]:
+    """Return the flow (h, w, 2) float32 with its white noise reduced; its roughness (h, w) px^2.
 
-    Local Wiener filter (Lee 1980): a node's difference from the mean of its window is scaled by the
-    share of its power that exceeds the noise, `deviation_px` (h, w) where it is `valid`.
+    Wiener filter (Lee 1980) on two scales: a cell's difference from the means around is scaled by
+    the share of the power there that exceeds the cell's own noise, `deviation_px` (h, w) where it
+    is `valid`. Roughness is the squared error to expect where the flow is rougher than its noise:
+    a wrong match, or motion finer than a fit's window.
     """
-    window, rim = (NOISE_WINDOW_NODES, NOISE_WINDOW_NODES), cv2.BORDER_REFLECT
-    smooth = cv2.blur(flow, window, borderType=rim)
-    fine = flow - smooth
-    power = cv2.blur(cv2.transform(fine * fine, _SUM_UV), window, borderType=rim)
-    noise = cv2.blur(deviation_px * deviation_px * valid, window, borderType=rim)
+    cells, noise = (shrink(a, CELL_NODES) for a in (flow, deviation_px * deviation_px * valid))
+    smooth = _smooth(cells, SMOOTH_CELLS)
+    fine = flow - _expand(smooth, valid.shape)
+    signal = _signal(shrink(fine * fine, CELL_NODES), noise, SMOOTH_CELLS)
+    broad = _smooth(smooth, WIDE_CELLS)
+    rest = smooth - broad
+    broad += rest * _signal(rest * rest, NOISE_LEFT * noise, WIDE_CELLS)
+    rough, window = cells - _smooth(cells, ROUGH_CELLS), (ROUGH_CELLS, ROUGH_CELLS)
+    excess = cv2.stackBlur(cv2.transform(rough * rough, _SUM_UV) - noise, window)
+    fine *= _expand(signal, valid.shape)
+    fine += _expand(broad, valid.shape)
+    return fine, _expand(ROUGH_FACTOR * np.maximum(excess, 0), valid.shape)
+
+
+def _smooth(cells: Array, side: int) -> Array:
+    """Means over a window, and those of what they leave: a curved flow keeps its height."""
+    mean = cv2.stackBlur(cells, (side, side))
+    return mean + cv2.stackBlur(cells - mean, (side, side))
+
+
+def _signal(squares: Array, noise: Array, side: int) -> Array:
+    """Return the share of the power over a window that exceeds the noise (h, w), (h, w, 2)."""
+    power = cv2.stackBlur(cv2.transform(squares, _SUM_UV), (side, side))
     share = np.maximum(1 - noise / np.maximum(power, np.float32(1e-12)), 0)
-    return np.asarray(smooth + fine * cv2.merge((share, share)))
+    return cv2.merge((share, share))
+
+
+def _expand(cells: Array, shape: tuple[int, ...]) -> Array:
+    """Interpolate cells at the nodes of a grid of that shape."""
+    nodes = cv2.resize(cells, None, fx=CELL_NODES, fy=CELL_NODES, interpolation=cv2.INTER_LINEAR)
+    return nodes[: shape[0], : shape[1]]
 
 
 def _planes(x: Array, y: Array, sums: Array) -> Array:

@@ -3,9 +3,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from deltact_fab.estimate.measure.compose import denoise
+from deltact_fab.estimate.measure.flow.confidence import DEVIATION_MAX_PX
 from deltact_fab.estimate.measure.flow.fused import (
     Plane,
     RefinementReference,
@@ -78,6 +81,23 @@ def test_affine_motion_within_twentieth_pixel(motion, grey, scene):
     assert np.median(found.correlation) > 0.95
 
 
+@pytest.mark.parametrize("shift_px", [(0.2, 0.0), (0.0, 0.75), (0.15, 0.3), (0.6, 0.9)])
+@pytest.mark.parametrize("blob_px", [0.7, 1.4])
+def test_no_bias_at_any_fraction(blob_px, shift_px):
+    """Shifted by its spectrum, so exactly."""
+    speckle = cv2.GaussianBlur(np.random.default_rng(4).normal(size=(H, W)), (0, 0), blob_px)
+    waves = np.fft.fft2(128 + 40 * np.tanh(speckle / speckle.std()))
+    x, y = np.fft.fftfreq(W), np.fft.fftfreq(H)[:, None]
+    first, second = (
+        np.rint(np.fft.ifft2(waves * np.exp(-2j * np.pi * (x * dx + y * dy))).real).clip(0, 255)
+        for dx, dy in ((0, 0), shift_px)
+    )
+    found = _reference(first.astype(np.uint8)).refine(Plane.from_image(second.astype(np.uint8)))
+    bias = np.median(found.flow_px[EDGE:-EDGE, EDGE:-EDGE], axis=(0, 1)) - shift_px
+    print(f"bias {1e3 * bias} px / 1000")
+    assert np.abs(bias).max() < 0.003
+
+
 @pytest.mark.parametrize(("gain", "offset"), [(1, -60), (1, 40), (0.6, 0)])
 @pytest.mark.parametrize("shift_px", [0, 5])
 def test_light_change_harmless_at_border(shift_px, gain, offset, make_scene):
@@ -142,6 +162,47 @@ def test_correlation_is_that_of_the_windows(scene, make_scene):
     by_hand = np.cov(first, second, aweights=np.outer(weight, weight).ravel())
     expected = by_hand[0, 1] / np.sqrt(by_hand[0, 0] * by_hand[1, 1])
     assert found.correlation[i, j] == pytest.approx(expected, abs=2e-3)
+
+
+# What is left of noise
+
+
+def _noise_px(deviation_px: Any) -> Any:
+    """Noise of a fit: alike within a window."""
+    white = np.random.default_rng(6).normal(size=(H, W, 2)).astype(np.float32)
+    alike = cv2.GaussianBlur(white, (0, 0), 3.0)
+    return alike * np.float32(np.sqrt(0.5) / alike.std()) * deviation_px[..., None]
+
+
+@pytest.mark.parametrize(("period", "most_px"), [(np.inf, 0.01), (150, 0.015), (25, 0.03)])
+@pytest.mark.parametrize("unknown_px", [0.03, 1.0])
+def test_denoise_keeps_waves(unknown_px, period, most_px):
+    deviation = np.full((H, W), 0.03, np.float32)
+    deviation[:, W // 2 :] = unknown_px
+    truth = np.zeros((H, W, 2), np.float32)
+    truth += 0.5 * np.sin(2 * np.pi * np.arange(W) / period)[:, None]
+    found, _ = denoise(truth + _noise_px(deviation), deviation, deviation > 0)
+    error = np.hypot(*np.moveaxis(found - truth, -1, 0))[EDGE:-EDGE, EDGE : W // 2]
+    beside = 40 if unknown_px > 0.1 else 0
+    print(f"{np.sqrt(np.mean(error**2)):.4f} px, beside {error[:, -8:].mean():.4f}")
+    assert np.sqrt(np.mean(error[:, : -1 - beside] ** 2)) < most_px
+    assert error[:, -8:].mean() < 0.05
+
+
+@pytest.mark.parametrize("is_smooth", [True, False], ids=["press", "behind a bubble"])
+def test_rough_flow_is_not_confident(is_smooth):
+    """A bubble shows its part of the face larger."""
+    x, y = np.moveaxis(_grid(H, W) - [W / 2, H / 2], -1, 0)
+    off2, deviation = x**2 + y**2, np.full((H, W), 0.05, np.float32)
+    reach = np.exp(-off2 / 2 / 60**2) if is_smooth else np.clip(1 - off2 / 20**2, 0, 1)
+    flow = 0.3 * np.stack((x, y), -1) * reach[..., None] + _noise_px(deviation)
+    _, rough_px2 = denoise(flow.astype(np.float32), deviation, deviation > 0)
+    seen = np.s_[EDGE:-EDGE, EDGE:-EDGE]
+    print(
+        f"{np.sqrt(rough_px2.max()):.3f} px, share {(rough_px2 > DEVIATION_MAX_PX**2).mean():.4f}"
+    )
+    assert rough_px2[seen].max() < 0.001 if is_smooth else rough_px2.max() > DEVIATION_MAX_PX**2
+    assert rough_px2[off2 > 60**2][: 20 * W].max() < 0.02
 
 
 # The half grid

@@ -2,8 +2,9 @@
 
 A translation is fitted at every node, one node a cell of 2 x 2 pixels, over a window that falls to
 half within 7 cells, in Lucas-Kanade steps on images of a quarter, a half and the full size (Baker
-and Matthews 2004). Gradients and normal matrix are the reference's, and gain and offset of the
-light are projected out. The sums also give the local correlation and the deviation to be expected.
+and Matthews 2004). Gradients, normal matrix and the correction of the linear warp (`nodes.phase`)
+are the reference's, and gain and offset of the light are projected out. The sums also give the
+local correlation and the deviation to be expected, before `denoise`.
 
 The luma is tracked, blurred by sigma 1: a camera that subsamples chroma leaves luma whole, and the
 blur takes the patterns of mosaic and compression away (decision 0061).
@@ -33,9 +34,9 @@ _EVEN_PX = 41  # of the half-size image; decision 0061
 _EVEN_CONTRAST, _LEAST_CONTRAST = np.float32(40), np.float32(2)  # grey levels; by hand
 _LIGHT_WINDOW = 11  # of 8 px; by hand: larger misses gradients, smaller follows the pattern
 _PRIOR_WEIGHT = 0.02  # of the whole image; by hand: more flattens local light where little is shown
-# Two steps pass 1.24 times the noise of one fit; the blur makes the noise of neighbours alike, so
+# Two steps pass 1.3 times the noise of one fit; the blur makes the noise of neighbours alike, so
 # the fit leaves half of it or less (decision 0015).
-NOISE_GAIN = 1.24 * 2.0
+NOISE_GAIN = 1.3 * 1.9
 
 
 class SampledImage(NamedTuple):
@@ -130,9 +131,10 @@ class RefinedFlow(NamedTuple):
     ahead_px2: Array
 
 
-class _Level(NamedTuple):
-    pixels: Array  # see `nodes`
+class _Level(NamedTuple):  # see `nodes`
+    pixels: Array
     normal: Array
+    phase: Array
     size_px: tuple[int, int]
 
 
@@ -141,10 +143,11 @@ class RefinementReference:
 
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
-        sizes = [(plane.level(k), plane.size_px(k)) for k in range(_N_LEVELS)]
-        self._levels = [
-            _Level(nodes.pixels(image), nodes.normal(image, size), size) for image, size in sizes
-        ]
+        self._levels = []
+        for k in range(_N_LEVELS):
+            image, size = plane.level(k), plane.size_px(k)
+            parts = nodes.pixels(image), nodes.normal(image, size), nodes.phase(image)
+            self._levels.append(_Level(*parts, size))
 
     def refine(self, current: Plane, start_px: Array | None = None) -> RefinedFlow:
         """Compute the flow from the reference to the current image, of the same size.
@@ -211,7 +214,7 @@ class RefinementReference:
         from . import kernel  # imports numba, which is slow
 
         level, gain = self._levels[k], NOISE_GAIN if last else 0.0
-        return kernel.step(target, level.pixels, level.normal, level.size_px, planes, light, gain)
+        return kernel.step(target, *level, planes, light, gain)
 
     def _crop(self, flow: Array, quality: Array) -> RefinedFlow:
         hh, ww = self.plane.small.shape

@@ -16,6 +16,7 @@ from .nodes import MIN_VARIANCE, OWN_WEIGHT
 
 _ROUNDING_VARIANCE = 1 / 6  # exact: of the difference of two images of whole grey levels
 _MAX_STEP_PX = 1.0  # by hand: larger steps leave the range of the linearisation
+_LAST_STEP = 1.25  # of the fitted one: shows finer motion, as a third step would; decision 0015
 _MIN_CONTRAST = 0.05  # of the current image to the reference; by hand: bounds `ahead_px2`
 _OUTER_BOX, _INNER_BOX = 6, 5  # decision 0015: a box of 6 of a box of 5 of a box of 2
 _REACH_CELLS = 5  # exact: of that window, to each side of its centre
@@ -28,17 +29,17 @@ _compiled = compile_loop(error_model="numpy", nogil=True)
 
 
 def step(
-    image: Array, pixels: Array, normal: Array, size_px: tuple[int, int], flow: Array,
-    light: Array, gain: float,
+    image: Array, pixels: Array, normal: Array, phase: Array, size_px: tuple[int, int],
+    flow: Array, light: Array, gain: float,
 ) -> tuple[Array, Array]:  # fmt: skip
     """One step of every node, then one pass of 1 2 1 over the flow.
 
-    image: (h, w) uint8, the current one, padded by 4 px. pixels, normal, size_px: of the reference,
-    see `nodes`. flow: (2, rows, cols) float32 px. light: (2, rows, cols) float32, effect of changed
-    light on reference less current image, light[0] + light[1] * reference; it replaces pixels that
-    the current image does not show. gain: noise of the chain of steps over that of one fit. Returns
-    the new flow and, if gain is positive, (3, rows, cols): correlation and deviation (px) of the
-    input flow, and `RefinedFlow.ahead_px2`.
+    image: (h, w) uint8, the current one, padded by 4 px. pixels, normal, phase, size_px: of the
+    reference, see `nodes`. flow: (2, rows, cols) float32 px. light: (2, rows, cols) float32, effect
+    of changed light on reference less current image, light[0] + light[1] * reference; it replaces
+    pixels that the current image does not show. gain: noise of the chain of steps over that of one
+    fit. Returns the new flow and, if gain is positive, (3, rows, cols): correlation and deviation
+    (px) of the input flow, and `RefinedFlow.ahead_px2`.
     """
     last = gain > 0
     rows, cols = flow.shape[1:]
@@ -47,19 +48,19 @@ def step(
     # Each word holds a pixel and the next three of its row.
     words: Array = np.ndarray((image.size - 3,), np.uint32, image, strides=(1,))
     _step(
-        words, image.shape[1], pixels, normal, size_px[0], size_px[1], flow, light, gain,
+        words, image.shape[1], pixels, normal, phase, size_px[0], size_px[1], flow, light, gain,
         out, quality
     )  # fmt: skip
-    edge = cv2.BORDER_REPLICATE
-    kernel = _SMOOTH_KERNEL
-    smooth = [cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=edge) for plane in out]
-    return np.stack(smooth), quality
+    new, kernel = np.empty_like(out), _SMOOTH_KERNEL
+    for plane, into in zip(out, new, strict=True):
+        cv2.sepFilter2D(plane, -1, kernel, kernel, into, borderType=cv2.BORDER_REPLICATE)
+    return new, quality
 
 
 @_compiled
 def _step(
-    words: Any, stride: int, reference: Any, nodes: Any, height: int, width: int, flow: Any,
-    light: Any, gain: float, out: Any, quality: Any
+    words: Any, stride: int, reference: Any, nodes: Any, phase: Any, height: int, width: int,
+    flow: Any, light: Any, gain: float, out: Any, quality: Any
 ) -> None:  # fmt: skip
     rows, cols = flow.shape[1], flow.shape[2]
     seen_rows, seen_cols = height // 2, width // 2
@@ -79,7 +80,7 @@ def _step(
     moments = np.zeros((3, cols), np.float32)
     for i in range(rows + _REACH_CELLS):
         if i < seen_rows:
-            _locate(flow[0, i], flow[1, i], i, seen_cols, height, width, stride, frac, index)
+            _locate(flow[0, i], flow[1, i], i, phase, seen_cols, height, width, stride, frac, index)
             _gather(words, stride, index, seen_cols, pixels)
             _difference(pixels, frac, reference[i + 1], seen_cols, d)
             _fill_hidden(frac[2], light[:, i], reference[i + 1], seen_cols, d)
@@ -98,7 +99,7 @@ def _step(
             continue
         for k in range(n_sums):
             _across(column[k], cols, box[k])
-        _solve(box, nodes, flow, i0, cols, out)
+        _solve(box, nodes, flow, i0, cols, last, out)
         if last:
             _remove_hidden(box, light[0, i0], light[1, i0], cols)
             _estimate_quality(box, nodes, flow, i0, cols, out, moments, gain,
@@ -107,17 +108,22 @@ def _step(
 
 @_compiled
 def _locate(
-    ux: Any, uy: Any, i: int, n: int, height: int, width: int, stride: int, frac: Any, index: Any
-) -> None:
+    ux: Any, uy: Any, i: int, phase: Any, n: int, height: int, width: int, stride: int, frac: Any,
+    index: Any
+) -> None:  # fmt: skip
     right, bottom, top = np.float32(width - 2), np.float32(height - 2), np.float32(2 * i)
-    zero, unit = np.float32(0), np.float32(1)
+    zero, unit, two = np.float32(0), np.float32(1), np.float32(2)
+    px, py, qx, qy = phase[0, 0], phase[1, 0], phase[0, 1], phase[1, 1]
     ax, ay, mask = frac[0], frac[1], frac[2]
     for j in range(n):
         x, y = np.float32(2 * j) + ux[j], top + uy[j]
         ok = (x >= zero) & (x <= right) & (y >= zero) & (y <= bottom)
         x, y = min(max(x, zero), right), min(max(y, zero), bottom)
         xi, yi = np.int32(x), np.int32(y)
-        ax[j], ay[j] = x - np.float32(xi), y - np.float32(yi)
+        fx, fy = x - np.float32(xi), y - np.float32(yi)  # see `nodes.phase`
+        gx, gy = fx * (unit - fx), fy * (unit - fy)
+        ax[j] = fx + gx * (unit - two * fx) * (px + qx * gx)
+        ay[j] = fy + gy * (unit - two * fy) * (py + qy * gy)
         mask[j] = unit if ok else zero
         index[j] = np.uint32(yi * stride + xi)
 
@@ -250,8 +256,8 @@ def _across(v: Any, n: int, box: Any) -> None:
 
 
 @_compiled
-def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any) -> None:
-    max_step = np.float32(_MAX_STEP_PX)
+def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, last: bool, out: Any) -> None:
+    max_step, part = np.float32(_MAX_STEP_PX), np.float32(_LAST_STEP if last else 1.0)
     b0, b1, b2, b3 = box[0], box[1], box[2], box[3]
     i11, i12, i22, ex, ey, fx, fy = (
         nodes[i, 0], nodes[i, 1], nodes[i, 2], nodes[i, 3], nodes[i, 4], nodes[i, 5], nodes[i, 6],
@@ -259,10 +265,10 @@ def _solve(box: Any, nodes: Any, flow: Any, i: int, n: int, out: Any) -> None:
     ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
     for j in range(n):
         dx = i11[j] * b0[j] + i12[j] * b1[j] - ex[j] * b2[j] - fx[j] * b3[j]
-        mx[j] = ux[j] + min(max(dx, -max_step), max_step)
+        mx[j] = ux[j] + part * min(max(dx, -max_step), max_step)
     for j in range(n):
         dy = i12[j] * b0[j] + i22[j] * b1[j] - ey[j] * b2[j] - fy[j] * b3[j]
-        my[j] = uy[j] + min(max(dy, -max_step), max_step)
+        my[j] = uy[j] + part * min(max(dy, -max_step), max_step)
 
 
 @_compiled
@@ -305,10 +311,11 @@ def _estimate_quality(
         correlation[j] = min(max(ratio, -unit), unit) if b5[j] < weights[j] - min_n else zero
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
     ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]
-    fitted_n = np.float32(4 * OWN_WEIGHT)
+    fitted_n, back = np.float32(4 * OWN_WEIGHT), np.float32(1 / _LAST_STEP)
     factor, rounding = np.float32(gain * gain * OWN_WEIGHT), np.float32(_ROUNDING_VARIANCE)
+    least_contrast = np.float32(_MIN_CONTRAST)
     for j in range(n):
-        dx, dy = mx[j] - ux[j], my[j] - uy[j]
+        dx, dy = back * (mx[j] - ux[j]), back * (my[j] - uy[j])
         explained = (i22[j] * dx * dx - two * i12[j] * dx * dy + i11[j] * dy * dy) / (
             i11[j] * i22[j] - i12[j] * i12[j]
         )
@@ -316,8 +323,5 @@ def _estimate_quality(
         noise = residual / max(weights[j] - b5[j] - fitted_n, min_n) + rounding
         spread = (i11[j] + i22[j]) * weights[j] / max(weights[j] - b5[j], min_n)
         deviation[j] = np.sqrt(factor * noise * spread)
-    least_contrast = np.float32(_MIN_CONTRAST)
-    for j in range(n):
-        dx, dy = mx[j] - ux[j], my[j] - uy[j]
         contrast = max((power[j] - shared[j]) / power[j], least_contrast)
         ahead[j] = (dx * dx + dy * dy) / (contrast * contrast)

@@ -13,6 +13,7 @@ WINDOW_WEIGHTS = np.array([1, 3, 5, 7, 9, 10, 9, 7, 5, 3, 1], np.float32)
 # Definition: squared weight of independent pixel noise relative to one pixel.
 OWN_WEIGHT = float(np.sum(WINDOW_WEIGHTS**2) ** 2 / np.sum(WINDOW_WEIGHTS) ** 2)
 MIN_VARIANCE = 0.25  # grey levels^2; by hand: below the noise of a camera there is no texture
+_SPECTRUM_PX = 63  # by hand: the waves of each place count alike, however strong
 _GRADIENT_DAMPING = 0.01  # grey levels^2/px^2 per pixel; by hand: more slows steps on weak texture
 
 
@@ -24,6 +25,26 @@ def pixels(image: Array) -> Array:
         out[:, k] = padded[k // 2 :: 2, k % 2 :: 2]
     out -= 128
     return out
+
+
+def phase(image: Array) -> Array:
+    """Compute the correction of a linear warp along x and y, (2, 2) float32.
+
+    A linear warp by a fraction f of a pixel moves each wave by another one (Schreier et al. 2000).
+    The fraction that moves the gradient by f is f + g (1 - 2 f) (c0 + c1 g), g = f (1 - f); c0 and
+    c1 are those of the image, fitted at two f.
+    """
+    f = np.array([[0.1], [0.3]])
+    g, out = f * (1 - f), []
+    for side in (image, image.T):
+        slope = np.diff(side.astype(np.float32))
+        slope /= np.sqrt(cv2.blur(slope * slope, (_SPECTRUM_PX, _SPECTRUM_PX)) + MIN_VARIANCE)
+        w = 2 * np.pi * np.fft.rfftfreq(slope.shape[1])[1:]
+        power = np.sum(np.abs(np.fft.rfft(slope)[:, 1:]) ** 2, axis=0) / np.tan(w / 2) + 1e-9
+        ahead, behind = (np.sin(w * part) @ power for part in (f, 1 - f))
+        excess = (ahead / (ahead + behind) - f[:, 0]) / (g * (1 - 2 * f))[:, 0]
+        out.append(np.linalg.solve(np.hstack((np.ones_like(g), g)), excess))
+    return np.array(out, np.float32)
 
 
 def normal(image: Array, size_px: tuple[int, int]) -> Array:
