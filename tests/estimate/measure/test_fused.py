@@ -232,3 +232,10 @@ def test_leaving_parts_do_not_disturb(scene):
     away = reference.refine(current, np.full_like(start, 1e7))
     for result in (found, away):
         assert all(np.isfinite(a).all() for a in result)
+
+
+def test_plain_windows_do_not_correlate():
+    plain = np.full((H, W), 255, np.uint8)
+    still = np.zeros((H // 2, W // 2, 2), np.float32)
+    found = _reference(plain).evaluate(Plane.from_image(plain), still)
+    assert np.abs(found.correlation).max() < 0.01

@@ -72,7 +72,8 @@ def normal(image: Array, size_px: tuple[int, int]) -> Array:
 
     n = np.maximum(_around(4 * inside), 1)
     mean = _around(r.sum(axis=0)) / n
-    power = np.maximum(box(r, r) - n * mean**2, n * MIN_VARIANCE)
+    own_power = box(r, r) - n * mean**2
+    power = np.maximum(own_power, n * MIN_VARIANCE)
     sx, sy = _around(gx.sum(axis=0)), _around(gy.sum(axis=0))
     kx, ky = box(gx, r) - mean * sx, box(gy, r) - mean * sy
     a11 = box(gx, gx) - sx * sx / n - kx * kx / power + _GRADIENT_DAMPING * n
@@ -86,7 +87,7 @@ def normal(image: Array, size_px: tuple[int, int]) -> Array:
     nodes = [
         i11, i12, i22,
         i11 * cx + i12 * cy, i12 * cx + i22 * cy, i11 * kx + i12 * ky, i12 * kx + i22 * ky,
-        mean, power, n,
+        mean, own_power, n,
     ]  # fmt: skip
     return np.stack(nodes, axis=1)
 
