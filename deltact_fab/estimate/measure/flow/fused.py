@@ -26,7 +26,7 @@ from . import nodes
 from .nodes import MIN_VARIANCE
 
 MIN_SIDE_PX = 64  # by hand: below it the pyramids of every method degenerate
-LEVEL_STEPS = (6, 4, 2)  # on a quarter, half and the full size; decision 0015
+LEVEL_STEPS = (4, 3, 2)  # on a quarter, half and the full size; decision 0015
 _N_LEVELS = 3  # decision 0015
 COARSE_NODES = 2 ** (_N_LEVELS - 1)  # along a cell of the grid that a refinement starts on
 _BEYOND_PX = 4  # exact: farthest pixel behind the last one that a warp reads
