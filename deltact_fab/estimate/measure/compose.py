@@ -77,7 +77,7 @@ MIN_KNOWN_SHARE = 0.15  # of a window to rely on it alone; by hand: less fits pl
 _SUM_UV = np.ones((1, 2), np.float32)
 SMOOTH_CELLS, WIDE_CELLS, ROUGH_CELLS = 7, 15, 5  # triangular windows of `denoise`; decision 0061
 NOISE_LEFT = np.float32(0.2)  # of its power, by means over SMOOTH_CELLS; 0.13 of white noise
-ROUGH_FACTOR = np.float32(3.1)  # by hand: more loses contacts, less keeps the rims of bubbles
+ROUGH_FACTOR = np.float32(1.5)  # by hand: more loses contacts, less keeps the rims of bubbles
 SLOPE_RIDGE = 0.3  # ridge on the plane's slopes; by hand: more turns planes into means
 
 

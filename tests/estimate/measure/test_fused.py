@@ -195,7 +195,9 @@ def test_rough_flow_is_not_confident(is_smooth):
     x, y = np.moveaxis(_grid(H, W) - [W / 2, H / 2], -1, 0)
     off2, deviation = x**2 + y**2, np.full((H, W), 0.05, np.float32)
     reach = np.exp(-off2 / 2 / 60**2) if is_smooth else np.clip(1 - off2 / 20**2, 0, 1)
-    flow = 0.3 * np.stack((x, y), -1) * reach[..., None] + _noise_px(deviation)
+    flow = (0.3 if is_smooth else 0.4) * np.stack((x, y), -1) * reach[..., None] + _noise_px(
+        deviation
+    )
     _, rough_px2 = denoise(flow.astype(np.float32), deviation, deviation > 0)
     seen = np.s_[EDGE:-EDGE, EDGE:-EDGE]
     print(

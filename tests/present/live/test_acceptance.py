@@ -202,7 +202,7 @@ BAD: dict[str, tuple[Made, tuple[str, ...], dict[str, Any]]] = {
     "touched at rest": (
         Made(images=12, press_mm=(0.0,) * 9 + (0.1, 0.2, 0.3)), ("at rest",), {}),
     "noisy": (
-        Made(images=12, camera=ImageSensor(full_well_electrons=150.0, read_noise_electrons=10.0),
+        Made(images=12, camera=ImageSensor(full_well_electrons=120.0, read_noise_electrons=10.0),
              paint=(light(lambda x, y: 0.5 + 0 * x),)),
         ("noise at rest", "at rest"), {}),
 }  # fmt: skip

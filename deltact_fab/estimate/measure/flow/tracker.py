@@ -12,7 +12,6 @@ from deltact_fab.common import Array, InputError, SensorError, did_you_mean
 from ..compose import denoise, fill_gaps, landing_px, sample, shrink
 from .confidence import (
     DEVIATION_MAX_PX,
-    OBSERVED_MAX_PX,
     TEXTURE_MIN,
     CheckedMatch,
     ConfidenceEstimator,
@@ -85,8 +84,8 @@ class AnchoredTracker:
         filled = fill_gaps(match.flow_px, agreeing, observed)
         flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
         flow, rough_px2 = denoise(flow, match.deviation_px, valid)
-        confident &= rough_px2 < DEVIATION_MAX_PX**2
-        observed &= rough_px2 < OBSERVED_MAX_PX**2
+        smooth = rough_px2 < DEVIATION_MAX_PX**2
+        confident, observed = confident & smooth, observed & smooth
         self._is_lost = _count(agreeing) < LOST_SHARE * self._n_textured
         if not self._is_lost:
             self._flow, self._n_agreeing = flow, _count(agreeing)
