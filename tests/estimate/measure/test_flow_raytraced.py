@@ -33,7 +33,7 @@ CAMERAS = {
 }
 PATTERNS = {"coarse": (0.15, 0.1), "dense": (0.075, 0.6)}
 SPREAD_MM = {"soft and dark": 0.03}
-GOALS_MM = {"coarse": (0.0025, 0.9), "dense": (0.0095, 0.7)}
+GOALS_MM = {"coarse": (0.0018, 0.9), "dense": (0.0055, 0.7)}
 """Mean over the confident, and the share of the face that they are."""
 
 
