@@ -195,7 +195,7 @@ def test_one_file_locates_the_package(sources: Sources) -> None:
 CEILINGS = {
     ("deltact_fab", "lines"): 69938,
     ("deltact_fab", "files"): 400,
-    ("tests", "lines"): 39786,
+    ("tests", "lines"): 39798,
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from contextlib import suppress
 from itertools import pairwise
 
@@ -91,6 +92,8 @@ def main(debug: bool) -> None:
 
 def entry() -> None:
     """Console entry: one line on stderr for an error; exit 1 failed, 2 bad input, 130 stopped."""
+    # The place in the code, the default's first line, is of no use on a command line.
+    warnings.showwarning = lambda text, *_, **__: click.echo(f"warning: {text}", err=True)
     try:
         status = _run_main()
         sys.stdout.flush()

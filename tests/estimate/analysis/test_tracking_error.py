@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from called import count_calls
+from called import called, count_calls
 from numpy.typing import NDArray
 
 from deltact_fab.bench.record.run import open_run
@@ -171,6 +171,18 @@ def test_old_names_are_read_with_notice(mini_run: Path, old: str) -> None:
     assert plan.methods == (OLD_NAMES[old] or old,)
     said = f"method {old!r} is now {OLD_NAMES[old]!r}; the old name goes in 0.5"
     assert [str(one.message) for one in told] == ([said] if OLD_NAMES[old] else [])
+
+
+def test_command_tells_old_and_valid_names(mini_run: Path) -> None:
+    asked = ("--method", "farneback-paper", "--method", "x")
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        done = called("analyze", "tracking", mini_run, *asked)
+    assert done.stderr.splitlines() == [
+        "warning: method 'farneback-paper' is now 'farneback'; the old name goes in 0.5",
+        "deltact-fab: flow method 'x': unknown; "
+        "valid: dis-fast, dis-medium, farneback, fused, paper",
+    ]
 
 
 BOTH_TOTALS = ("farneback/summed", "farneback/composed")

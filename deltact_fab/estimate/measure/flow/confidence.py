@@ -20,7 +20,7 @@ from ..compose import landing_px, sample, shrink
 from .fused import Plane, RefinedFlow, SampledImage
 
 _EDGE_MODE = cv2.BORDER_REPLICATE
-# Thresholds without another source: decision 0061; how they were set: docs/evidence/flow.md.
+# Thresholds without another source: decisions 0061, 0083; how they were set: docs/evidence/flow.md.
 _COARSE_PX = 4  # windows are counted in cells of 2 x 2 nodes
 _CHROMA_FLOOR = 1.0  # grey levels^2, below the noise of a camera
 KEEP_CORRELATION = 0.35

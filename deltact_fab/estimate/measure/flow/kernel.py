@@ -294,7 +294,7 @@ def _estimate_quality(
 ) -> None:  # fmt: skip
     zero, unit, two = np.float32(0), np.float32(1), np.float32(2)
     b2, b3, b4, b5, b6, b7 = box[2], box[3], box[4], box[5], box[6], box[7]
-    power, shared, rest, reference = moments[0], moments[1], moments[2], moments[3]
+    power, shared, rest, raw = moments[0], moments[1], moments[2], moments[3]
     all_mean, all_power, weights = nodes[i, 7], nodes[i, 8], nodes[i, 9]
     floor, min_n = np.float32(MIN_VARIANCE), np.float32(OWN_WEIGHT)
     for j in range(n):
@@ -302,16 +302,14 @@ def _estimate_quality(
         total = weights[j] * all_mean[j]
         mean = (total - b6[j]) / n_seen
         squares = all_power[j] + total * all_mean[j] - b7[j]
-        reference[j] = squares - n_seen * mean * mean
-        power[j] = max(reference[j], floor * n_seen)
+        raw[j] = squares - n_seen * mean * mean
+        power[j] = max(raw[j], floor * n_seen)
         shared[j] = b3[j] - mean * b2[j]
         rest[j] = max(b4[j] - b2[j] * b2[j] / n_seen, zero)
     for j in range(n):
         # Without power above the floors there is nothing to correlate, and the ratio is 0.
-        current = max(
-            reference[j] - two * shared[j] + rest[j], floor * max(weights[j] - b5[j], min_n)
-        )
-        ratio = (reference[j] - shared[j]) / np.sqrt(power[j] * current)
+        current = max(raw[j] - two * shared[j] + rest[j], floor * max(weights[j] - b5[j], min_n))
+        ratio = (raw[j] - shared[j]) / np.sqrt(power[j] * current)
         correlation[j] = min(max(ratio, -unit), unit) if b5[j] < weights[j] - min_n else zero
     i11, i12, i22 = nodes[i, 0], nodes[i, 1], nodes[i, 2]
     ux, uy, mx, my = flow[0, i], flow[1, i], out[0, i], out[1, i]

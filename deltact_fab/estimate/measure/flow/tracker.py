@@ -33,7 +33,7 @@ from .fused import (
 from .renewed import FUSED_METHOD, PUBLISHED_METHOD, FlowMethod, RenewedTracker
 
 TOO_DARK_GREY, TOO_BRIGHT_GREY = 25, 235  # by hand: no room for a pattern beyond them
-LOST_SHARE = 0.1  # of textured nodes; fewer confident: the reference is not in view; decision 0061
+LOST_SHARE = 0.1  # of textured nodes that agree; fewer: the reference is not in view; decision 0061
 SEARCH_SHARE = 0.02  # of textured nodes; more lost at once are searched for; by hand
 MAX_SEARCHES = 3  # images in a row in which a search finds nothing; by hand
 MAX_ROUNDS = 6  # of a search from neighbours, which gains a window's half each; by hand
@@ -79,7 +79,7 @@ class AnchoredTracker:
             gained = _count(checked.agreeing) > n_agreeing + least_change
             self._n_searches = MAX_SEARCHES if gained else max(self._n_searches - 1, 0)
         match, valid, agreeing = checked
-        confident, observed = self.judge.select(match, valid, agreeing)
+        confident, observed = self.judge.select(*checked)
         # Gaps are filled from agreeing nodes only: a valid but wrong match would spread.
         filled = fill_gaps(match.flow_px, agreeing, observed)
         flow = cv2.copyTo(match.flow_px, valid.view(np.uint8), filled)
@@ -144,8 +144,7 @@ class FlowTracker:
     "composed", "summed", "static" or, by `dis-medium` only, "published" (`RenewedTracker`); by
     default anchored for `fused` and composed for the others. renew_share: see `RenewedTracker`.
     full: False returns all arrays on the half grid (see `FlowObservation`). shared: methods by name
-    of several trackers of one sequence, which compute equal flows once.
-    Raises InputError with the valid names.
+    of trackers of one sequence, to compute equal flows once. Raises InputError with valid names.
     """
 
     REFERENCES = ("anchored", "composed", "summed", "static", "published")
@@ -166,6 +165,9 @@ class FlowTracker:
     ) -> None:
         current = f"{PUBLISHED_METHOD}/published" if name == self.PAPER else name
         method, _, reference = current.partition("/")
+        if method not in FlowMethod.NAMES:
+            valid = did_you_mean(method, (self.PAPER, *FlowMethod.NAMES))
+            raise InputError(f"flow method {method!r}: unknown; {valid}")
         self.method = FlowMethod(method)
         if shared is not None:
             self.method = shared.setdefault(name.partition("/")[0], self.method)
@@ -220,8 +222,7 @@ class FlowTracker:
         if ready.frame:
             return self._tracker.step(ready)
         textured = self._tracker.judge.textured
-        nothing = np.zeros((*textured.shape, 2), np.float32)
-        everywhere = np.ones(textured.shape, bool)
+        nothing, everywhere = np.zeros((*textured.shape, 2), np.float32), np.ones_like(textured)
         return TrackedFrame(nothing, everywhere, everywhere, textured)
 
     def judge(self, ready: PreparedImage, frame: TrackedFrame) -> FlowObservation:
@@ -229,8 +230,7 @@ class FlowTracker:
         assert self._tracker is not None, "made ready"
         judge, shape, flow = self._tracker.judge, ready.plane.shape, frame.flow_px
         inside = judge.inside(landing_nodes(flow))
-        confident = frame.confident
-        trusted = judge.is_trusted(confident)
+        confident, trusted = frame.confident, judge.is_trusted(frame.confident)
         state = judge.node_states(frame.matched, frame.enclosed & inside)
         if self.full:
             flow = to_full(flow, shape) if frame.full_px is None else frame.full_px
@@ -238,8 +238,7 @@ class FlowTracker:
             state, confident = _to_pixels(state, shape), _to_pixels(confident, shape)
         else:
             visible = inside if frame.inside is None else frame.inside[::2, ::2]
-        n_visible = _count(visible)
-        share = _count(confident & visible) / max(n_visible, 1)
+        share = _count(confident & visible) / max(_count(visible), 1)
         for out in (flow, visible, confident, state):
             out.setflags(write=False)  # some are used for later frames
         cpu_ms = (time.process_time() - ready.start_s + frame.reused_s) * 1e3
