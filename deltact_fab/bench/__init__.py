@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .record.files import truth_file
     from .record.images import ImageFormat, encode_png
     from .record.importing import import_recording
-    from .record.journal import read_press_rows
+    from .record.ledger import SensorLedger
     from .record.notes import RunNote
     from .record.run import Run, open_run
     from .record.truth import RunTruth

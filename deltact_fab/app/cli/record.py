@@ -10,14 +10,36 @@ import click
 
 from .group import CommandGroup
 from .options import PATH_TYPE, out_file, out_folder
-from .output import Answer, answers, compact, pairs, progress, table
+from .output import Answer, answers, columns_of, compact, pairs, progress, table
 
 RUN_ARGUMENT = click.argument("run", type=PATH_TYPE)
 
 
 @click.group(cls=CommandGroup)
 def record() -> None:
-    """Recorded runs: verify, show, annotate, export. A RUN is a folder."""
+    """Recorded runs: list, verify, show, annotate, export. A RUN is a folder."""
+
+
+@record.command("list")
+@click.argument("folder", type=PATH_TYPE, default=Path())
+@answers
+def list_(folder: Path) -> Answer:
+    """List the runs in FOLDER and in the folders in it: presses complete of those planned."""
+    from deltact_fab.bench import Run
+
+    rows = Run.list_runs(folder)
+    shown = [
+        {
+            **row,
+            "begun": _format_time(row["begun_s"]),
+            "presses": "{complete}/{planned}".format(**row),
+        }
+        if row["fault"] is None
+        else {**row, "state": f"damaged: {row['fault']}"}
+        for row in rows
+    ]  # fmt: skip
+    columns = ("run", "protocol", "begun", "rig", "simulated", "serial", "presses", "state")
+    return Answer(rows, columns_of(columns, shown))
 
 
 @record.command()
@@ -40,14 +62,19 @@ def check(run: Path) -> Answer:
 
 @record.command()
 @RUN_ARGUMENT
+@click.option("--settings", is_flag=True, help="Show the controller's $ settings too.")
 @answers
-def show(run: Path) -> Answer:
+def show(run: Path, settings: bool) -> Answer:
     """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
     from deltact_fab.bench import open_run
 
     data = open_run(run).describe()
     times = {key: data[key] and _format_time(data[key]) for key in ("begun_s", "ended_s")}
-    lines = table(("key", "value"), pairs({**data, **times, "notes": None}))
+    rows = list(pairs({**data, **times, "notes": None}))
+    shown = [row for row in rows if settings or ".settings.$" not in row[0]]
+    if n_hidden := len(rows) - len(shown):
+        shown.append(("devices.stage.settings", f"{n_hidden} values; --settings shows them"))
+    lines = table(("key", "value"), shown)
     return Answer(data, [*lines, *map(_note_line, data["notes"])])
 
 

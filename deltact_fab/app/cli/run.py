@@ -72,7 +72,7 @@ def run(
             f"{plan['disk_mb']:.0f} MB; nothing was moved or recorded"
         )
         return Answer(plan, [text, *(f"  {state}" for state in (*plan["devices"], *plan["notes"]))])
-    return Answer(summary, _run_lines(summary, out))
+    return Answer(summary, _run_lines(summary, out), asides=summary["ledger"])
 
 
 def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:

@@ -6,6 +6,7 @@ import hashlib
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import InputError, Note, RunFailed, disk_errors, validate
+from deltact_fab.common import DeltactFabError, InputError, Note, RunFailed, disk_errors, validate
 from deltact_fab.sensor import (
     CameraModel,
     FlatField,
@@ -23,12 +24,19 @@ from deltact_fab.sensor import (
     restore_indenter,
 )
 
-from ..protocols.plan import DeadWeights
+from ..protocols.plan import DeadWeights, Protocol, expand_protocol
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
-from .journal import is_claimed, journal_errors, open_journal, schema_faults
+from .journal import (
+    CLOCK_COLUMNS,
+    PRESS_TABLES,
+    is_claimed,
+    journal_errors,
+    open_journal,
+    schema_faults,
+)
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -39,6 +47,8 @@ _STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
 MAX_VIEW_RATIO = 10  # pixels of a view by those of its raw image; by hand: ours have 0.5
 _SKEW_KEYS = ("pose_skew_s", "force_skew_s")
+_RUN_FILES = ("run.json", "journal.sqlite")
+_LISTED_KEYS = ("protocol", "begun_s", "rig", "simulated", "state")
 _LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
 
@@ -59,6 +69,75 @@ class Run:
         self.format = int(self.meta["format"])
         """Format number of the folder: of this version, or of 0.2.0."""
         self._sound = False
+
+    @staticmethod
+    def list_runs(folder: Path) -> list[dict[str, Any]]:
+        """Return a row for each run that a folder is, or has in it to two levels.
+
+        Of a damaged one only `run` and `fault`. Raises InputError if there is no folder.
+        """
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder")
+        names = [f"{above}{name}" for above in ("", "*/", "*/*/") for name in _RUN_FILES]
+        rows: list[dict[str, Any]] = []
+        for place in sorted({file.parent for name in names for file in folder.glob(name)}):
+            try:
+                run = Run(place)
+                row = {key: run.describe()[key] for key in _LISTED_KEYS}
+                serial = run.meta["protocol"].get("specimen", {}).get("serial")
+                complete, planned = run.count_presses()
+                row |= {"serial": serial, "complete": complete, "planned": planned, "fault": None}
+            except DeltactFabError as error:
+                row = {"fault": str(error)}
+            rows.append({"run": str(place), **row})
+        return rows
+
+    @cached_property
+    def begun_s(self) -> float:
+        """Wall time of the first event, the beginning of the run."""
+        with self.reader() as db:
+            return float(db.execute("SELECT wall_s FROM events ORDER BY seq LIMIT 1").fetchone()[0])
+
+    @property
+    def id(self) -> str:
+        """Name of the protocol and time of the beginning: unchanged by a copy or a resume."""
+        begun = datetime.fromtimestamp(self.begun_s, UTC)
+        return f"{self.meta['protocol'].get('name')}-{begun:%Y%m%d-%H%M%S-%f}"
+
+    @property
+    def state(self) -> str:
+        if is_claimed(self.folder):
+            return "being written now"
+        return "finished" if self.finished else "unfinished"
+
+    def count_presses(self) -> tuple[int, int]:
+        """Return the numbers of complete and of planned presses; equal for an imported run."""
+        with self.reader() as db:
+            if self.imported:
+                return (db.execute("SELECT count(DISTINCT press) FROM frames").fetchone()[0],) * 2
+            done_ids = {id for (id,) in db.execute("SELECT step_id FROM steps")}
+        stated = self.meta["protocol"]
+        protocol = validate(Protocol, stated, f"{self.folder / 'run.json'}: protocol")
+        steps = expand_protocol(protocol)
+        last = {step.press: step.id for step in steps if step.kind != "change"}
+        return sum(id in done_ids for id in last.values()), len(last)
+
+    def press_rows(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Return the rows that belong to presses, by table, to compare two runs.
+
+        All columns but the clocks, the id first; of pose samples only their presence: poses are
+        sampled while a move is streamed, so their values depend on timing.
+        """
+        rows: dict[str, list[tuple[Any, ...]]] = {}
+        with self.reader() as db:
+            for table in PRESS_TABLES:
+                columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
+                names = [c for c in columns if c not in CLOCK_COLUMNS]
+                names.sort(key=lambda c: c not in ("frame_id", "step_id"))
+                query = f"SELECT {','.join(names)} FROM {table} ORDER BY 1, 2"
+                stored = db.execute(query).fetchall()
+                rows[table] = [row[:3] if "pose" in row else row for row in stored]
+        return rows
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
         """Frames (of one press), one row per frame in order of capture.
@@ -280,7 +359,6 @@ class Run:
                 "SELECT count(*) FROM"
                 " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
             ).fetchone()[0]
-        state = "finished" if self.finished else "unfinished"
         # Pose of the face in the rig file, and its registration file, if any.
         stage = (meta.get("rig") or {}).get("stage") or {}
         placed_by = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
@@ -288,7 +366,7 @@ class Run:
         session = events.loc[begun[-1] :] if len(begun) else events  # the last one
         return {
             "folder": str(self.folder),
-            "state": "being written now" if is_claimed(self.folder) else state,
+            "state": self.state,
             "format": self.format,
             "protocol": protocol.get("name"),
             "description": protocol.get("description"),

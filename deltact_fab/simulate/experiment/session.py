@@ -16,6 +16,7 @@ from deltact_fab.bench import (
     RunNote,
     RunProgress,
     RunWriter,
+    SensorLedger,
     VirtualConfig,
     carry_out_steps,
     check_run,
@@ -49,7 +50,8 @@ def run_experiment(
 
     resume: continue the unfinished run in the request's folder, or start it when there is none; a
     finished one is verified (every hash) and left as it is, and its summary comes with
-    "already_finished" true. The summary's times, counts, notes and devices are those of the last
+    "already_finished" true. The run is added to the ledger of its sensor; "ledger" has what that
+    leaves to tell. The summary's times, counts, notes and devices are those of the last
     session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
@@ -67,7 +69,8 @@ def run_experiment(
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
             check_run(out, request.progress).require_intact()
-            return {**recorded.summary(), "already_finished": True}
+            ledger = SensorLedger.add_event("run", [out])
+            return {**recorded.summary(), "already_finished": True, "ledger": ledger}
     else:
         _require_new(out, text)
     warnings = request.require()
@@ -78,10 +81,12 @@ def run_experiment(
     try:
         if remark is not None:
             remark.add_to(out)
+        ledger = SensorLedger.add_event("run", [out])  # now, as a run may be killed
         with closing(request.kind.build(job, request.progress)) as bench:
             counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
             kept_frames = sum(step.frames for step in steps if step.press in writer.kept_presses)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept_frames)]
+            remarks += [Note("ledger", line, warns=True) for line in ledger]
             if request.air:
                 remarks.insert(0, AIR_RUN)
             summary = {
@@ -105,10 +110,10 @@ def run_experiment(
                 "devices": bench.identity(),
             }  # fmt: skip
         writer.close(summary)
-    except BaseException:
-        writer.abandon()
-        raise
-    return {**summary, "already_finished": False}
+    finally:
+        writer.abandon()  # no more than `close` has done
+        ledger = SensorLedger.add_event("run", [out])
+    return {**summary, "already_finished": False, "ledger": ledger}
 
 
 def dry_run_experiment(request: RunRequest) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from called import called
 
+from deltact_fab.bench.record.ledger import SensorLedger
 from deltact_fab.bench.rig.interface import CameraFrame
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.sensor_id import SensorModel
@@ -27,7 +28,6 @@ from deltact_fab.fabricate.patterns.recipe import load_recipe
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.present.live.acceptance import Acceptance, accept_sensor
 from deltact_fab.present.live.known_step import check_known_step
-from deltact_fab.present.live.open import acceptance_file
 from deltact_fab.present.live.source import Source
 from deltact_fab.present.report.first_light import render_examples
 from deltact_fab.sensor.optics.camera import Pinhole
@@ -315,7 +315,7 @@ def test_invalid_input_is_one_line(tmp_path):
         assert done.returncode == 2
         assert says in done.stderr
         assert done.stderr.count("\n") == 1
-    assert acceptance_file("Δ-1").name == "Δ-1.toml"
+    assert SensorLedger.file("Δ-1").name == "Δ-1.toml"
 
 
 @pytest.mark.slow
