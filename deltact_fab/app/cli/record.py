@@ -24,22 +24,11 @@ def record() -> None:
 @click.argument("folder", type=PATH_TYPE, default=Path())
 @answers
 def list_(folder: Path) -> Answer:
-    """List the runs in FOLDER and in the folders in it: presses complete of those planned."""
+    """List the runs in FOLDER and its folders, with their presses complete and planned."""
     from deltact_fab.bench import Run
 
     rows = Run.list_runs(folder)
-    shown = [
-        {
-            **row,
-            "begun": _format_time(row["begun_s"]),
-            "presses": "{complete}/{planned}".format(**row),
-        }
-        if row["fault"] is None
-        else {**row, "state": f"damaged: {row['fault']}"}
-        for row in rows
-    ]  # fmt: skip
-    columns = ("run", "protocol", "begun", "rig", "simulated", "serial", "presses", "state")
-    return Answer(rows, columns_of(columns, shown))
+    return Answer(rows, columns_of(Run.LIST_COLUMNS, rows))
 
 
 @record.command()

@@ -258,8 +258,8 @@ def accept(
 
     if out is None and serial is not None:
         out = SensorLedger.file(serial)
-    if out is not None and SensorLedger.holds_acceptance(out):
-        raise InputError(f"{out}: already exists; name another file with -o, or remove it")
+    if out is not None:
+        SensorLedger.require_not_accepted(out)
     steps = [] if step is None else check_known_step(step)
     images = open_source(source, camera, design, serial, seed, rest_only=True)
     try:

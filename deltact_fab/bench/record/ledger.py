@@ -94,9 +94,8 @@ class SensorLedger(Table):
     def file(cls, serial: str) -> Path:
         """Return the file of a sensor. Raises InputError for a serial that is not a file name."""
         if not _SERIAL_FORM.fullmatch(serial):
-            raise InputError(
-                f"--serial {serial!r}: use letters, digits, '.', '+', '-' and '_' only"
-            )
+            text = "use letters, digits, '.', '+', '-' and '_' only"
+            raise InputError(f"--serial {serial!r}: {text}")
         return cls.FOLDER / f"{serial}.toml"
 
     @classmethod
@@ -127,9 +126,9 @@ class SensorLedger(Table):
             if serial is None or (kind == "run" and runs[0].meta.get("air")):
                 return []
             values: dict[str, Any] = {"file": file, "text": text, "simulated": simulated}
-            date_s = time.time()
+            date = datetime.now(UTC)
             if runs:
-                id, date_s = " ".join(run.id for run in runs), max(run.begun_s for run in runs)
+                id, date = " ".join(sorted(run.id for run in runs)), max(run.begun for run in runs)
                 values["simulated"] = any(run.simulated for run in runs)
             if kind == "run":
                 values |= {"file": runs[0].folder, "presses": runs[0].count_presses()[0]}
@@ -139,14 +138,18 @@ class SensorLedger(Table):
                 digest = hashlib.sha256(dimensions).hexdigest()[:12]
                 made = {"design": specimen.get("design", ""), "design_digest": digest}
             with cls.locked():
-                return _add(cls.file(serial), f"{kind} {id}", date_s, values, made)
+                return _add(cls.file(serial), f"{kind} {id}", date, values, made)
         except (DeltactFabError, OSError) as error:
             return [f"ledger: {error}; nothing was added ({kind})"]
 
     @classmethod
-    def holds_acceptance(cls, path: Path) -> bool:
-        """Return True for a file, unless it is a ledger without an acceptance."""
-        return path.is_file() and not {"schema", "kind"}.isdisjoint(read_toml(path))
+    def require_not_accepted(cls, path: Path) -> None:
+        """Raise InputError for a file, unless it is a ledger without an acceptance."""
+        if path.parent != cls.FOLDER and path.exists():
+            raise InputError(f"{path}: already exists; name another file with -o, or remove it")
+        if path.exists() and (keys := _ACCEPTANCE_KEYS & {*read_toml(path)}):
+            text = f"name another file with -o, or remove {', '.join(sorted(keys))} from it"
+            raise InputError(f"{path}: has an acceptance; {text}")
 
     @classmethod
     def add_acceptance(cls, path: Path, text: str) -> None:
@@ -174,7 +177,7 @@ class SensorLedger(Table):
         rows = []
         for path in sorted(cls.FOLDER.glob("*.toml")):
             try:
-                row = _row(_read(path)[1], cls.holds_acceptance(path))
+                row = _row(_read(path)[1], "accepted" in read_toml(path))
             except InputError as error:
                 row = {"fault": str(error)}
             rows.append(tuple(({"serial": path.stem} | row).get(name) for name in cls.COLUMNS))
@@ -210,7 +213,7 @@ def _presses(id: str, event: SensorEvent) -> int:
 
 
 def _add(
-    path: Path, key: str, date_s: float, values: dict[str, Any], made: dict[str, str]
+    path: Path, key: str, when: datetime, values: dict[str, Any], made: dict[str, str]
 ) -> list[str]:
     """Write an event, and the design on which it was made; return a line if the file has another.
 
@@ -221,8 +224,7 @@ def _add(
     if None in stored.values():
         new = [f"{k} = {toml_literal(v)}\n" for k, v in made.items() if stored[k] is None]
         head = "".join(new) + head
-    date = f"{datetime.fromtimestamp(date_s, UTC):%Y-%m-%dT%H:%M:%SZ}"
-    date = ledger.events[key].date if key in ledger.events else date
+    date = ledger.events[key].date if key in ledger.events else f"{when:%Y-%m-%dT%H:%M:%SZ}"
     event = validate(SensorEvent, {"date": date, **values}, str(path))
     _write(path, head, {**ledger.events, key: event})
     if stored.get("design_digest") in (None, made.get("design_digest")):

@@ -36,7 +36,7 @@ from .journal import (
     journal_errors,
     open_journal,
     schema_faults,
-)
+)  # fmt: skip
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -47,8 +47,6 @@ _STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
 _SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
 MAX_VIEW_RATIO = 10  # pixels of a view by those of its raw image; by hand: ours have 0.5
 _SKEW_KEYS = ("pose_skew_s", "force_skew_s")
-_RUN_FILES = ("run.json", "journal.sqlite")
-_LISTED_KEYS = ("protocol", "begun_s", "rig", "simulated", "state")
 _LATENESS_KEYS = ("late_s", "late", "dropped", "repeated")
 
 
@@ -57,6 +55,9 @@ class Run:
 
     UNKNOWN: ClassVar = UNKNOWN_SENSOR
     """Kind of the frames of an imported run; their indenter if unknown."""
+    LIST_COLUMNS: ClassVar = ("run", "protocol", "begun", "rig", "simulated", "serial", "complete",
+                              "planned", "state", "fault")  # fmt: skip
+    """Keys of `list_runs`; complete, planned: numbers of presses."""
 
     def __init__(self, folder: Path):
         check_folder(folder)
@@ -72,37 +73,37 @@ class Run:
 
     @staticmethod
     def list_runs(folder: Path) -> list[dict[str, Any]]:
-        """Return a row for each run that a folder is, or has in it to two levels.
+        """Return a row of LIST_COLUMNS for each run that a folder is, or has in it to two levels.
 
-        Of a damaged one only `run` and `fault`. Raises InputError if there is no folder.
+        A damaged one has a fault. Raises InputError if there is no folder.
         """
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder")
-        names = [f"{above}{name}" for above in ("", "*/", "*/*/") for name in _RUN_FILES]
-        rows: list[dict[str, Any]] = []
+        files = ("run.json", "journal.sqlite")
+        names = [f"{above}{name}" for above in ("", "*/", "*/*/") for name in files]
+        rows = []
         for place in sorted({file.parent for name in names for file in folder.glob(name)}):
             try:
                 run = Run(place)
-                row = {key: run.describe()[key] for key in _LISTED_KEYS}
-                serial = run.meta["protocol"].get("specimen", {}).get("serial")
-                complete, planned = run.count_presses()
-                row |= {"serial": serial, "complete": complete, "planned": planned, "fault": None}
+                row = {**run.describe(), "begun": run.begun.isoformat(" ", "seconds")}
+                row["serial"] = (row["specimen"] or {}).get("serial")
+                row["complete"], row["planned"] = run.count_presses()
             except DeltactFabError as error:
                 row = {"fault": str(error)}
-            rows.append({"run": str(place), **row})
+            rows.append({"run": str(place), **{key: row.get(key) for key in Run.LIST_COLUMNS[1:]}})
         return rows
 
     @cached_property
-    def begun_s(self) -> float:
-        """Wall time of the first event, the beginning of the run."""
+    def begun(self) -> datetime:
+        """Time of the first event, the beginning of the run; UTC."""
         with self.reader() as db:
-            return float(db.execute("SELECT wall_s FROM events ORDER BY seq LIMIT 1").fetchone()[0])
+            first = db.execute("SELECT wall_s FROM events ORDER BY seq LIMIT 1").fetchone()
+        return datetime.fromtimestamp(first[0], UTC)
 
     @property
     def id(self) -> str:
         """Name of the protocol and time of the beginning: unchanged by a copy or a resume."""
-        begun = datetime.fromtimestamp(self.begun_s, UTC)
-        return f"{self.meta['protocol'].get('name')}-{begun:%Y%m%d-%H%M%S-%f}"
+        return f"{self.meta['protocol'].get('name')}-{self.begun:%Y%m%d-%H%M%S-%f}"
 
     @property
     def state(self) -> str:

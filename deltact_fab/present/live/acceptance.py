@@ -94,22 +94,22 @@ class Acceptance:
         if not self.passed:
             raise InputError(f"{self.source}: not accepted, so not saved")
         image, rest = out.with_suffix(".rest.png"), encode_png(self.raw)
-        in_ledger = out.parent == SensorLedger.FOLDER and not SensorLedger.holds_acceptance(out)
-        for file in (image,) if in_ledger else (out, image):
-            if file.exists():
-                raise InputError(f"{file}: exists; choose another file with -o, or remove it")
+        SensorLedger.require_not_accepted(out)
+        if image.exists():
+            raise InputError(f"{image}: exists; choose another file with -o, or remove it")
         rows = [[row.name, row.value, row.limit] for row in self.rows]
         text = format_acceptance(model, self.source, seed, (image.name, rest), rows)
         with disk_errors(out):
             out.parent.mkdir(exist_ok=True)
-        write_files({image: rest} if in_ledger else {image: rest, out: text.encode()})
-        if in_ledger:
-            SensorLedger.add_acceptance(out, text)
-            digest = hashlib.sha256(rest).hexdigest()[:12]
-            SensorLedger.add_event(
-                "accepted", [self.source], serial=model.serial, id=digest, file=out,
-                text=f"{len(rows)} checks", simulated=model.simulated is not None,
-            )  # fmt: skip
+        if out.parent != SensorLedger.FOLDER:
+            write_files({image: rest, out: text.encode()})
+            return
+        write_files({image: rest})
+        SensorLedger.add_acceptance(out, text)
+        SensorLedger.add_event(
+            "accepted", [self.source], serial=out.stem, id=hashlib.sha256(rest).hexdigest()[:12],
+            text=f"{len(rows)} checks", simulated=model.simulated is not None,
+        )  # fmt: skip
 
     def picture(self, camera: CameraModel) -> bytes:
         """Draw the rectified face at rest with the findings on it; return PNG."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import CameraFrame, SensorLedger, open_run, raw_size_px
-from deltact_fab.common import InputError, catalogue_names, did_you_mean, validate
+from deltact_fab.common import InputError, catalogue_names, did_you_mean, read_toml, validate
 from deltact_fab.estimate import Measurement, Rectifier, SensorModel, read_acceptance
 from deltact_fab.sensor import (
     Fisheye,
@@ -178,7 +178,7 @@ def accepted_rest(model: SensorModel) -> NDArray[np.uint8] | None:
         file = SensorLedger.file(serial)
     except InputError:  # not a file name
         return None
-    if not SensorLedger.holds_acceptance(file):
+    if not file.is_file() or "kind" not in read_toml(file):
         return None
     png = read_acceptance(file, model)
     image = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)

@@ -276,7 +276,10 @@ def test_health_starts_from_acceptance(tmp_path):
     assert cv2.imread(str(tmp_path / "face.png")) is not None
     again = called(*words, cwd=tmp_path)
     assert again.returncode == 2
-    assert "sensors/A1.toml: already exists; name another file" in again.stderr
+    assert (
+        "sensors/A1.toml: has an acceptance; name another file with -o, or remove accep"
+        in again.stderr
+    )
     rest = cv2.imread(str(tmp_path / "sensors" / "A1.rest.png"))
     folder = tmp_path / "later"
     folder.mkdir()
