@@ -110,7 +110,7 @@ def test_damaged_file_is_one_line(lab: ShortRun, text: str, report: str) -> None
     assert report in listed()["fault"]
 
 
-def test_folder_that_cannot_be_written_stops_nothing(lab: ShortRun, monkeypatch: Any) -> None:
+def test_unwritable_folder_stops_nothing(lab: ShortRun, monkeypatch: Any) -> None:
     """Not even for the superuser: a file stands where the lock would be, and one holds the lock."""
     Path("sensors/.lock").mkdir()
     done = called(*lab.words(lab.finished, "--resume"))

@@ -76,8 +76,8 @@ def lens(
     data = {"camera": result.lens.as_dict(), **result.as_dict(), "flat": flat_name}
     summary = f"written: {out}" + ("" if field is None else f", {flat_file}")
     id, simulated = hashlib.sha256(text).hexdigest()[:12], result.simulated is not None
-    told = SensorLedger.add_event("lens", serial=serial, id=id, file=out, simulated=simulated)
-    return Answer(data, [*_lens_lines(result), summary], asides=told)
+    asides = SensorLedger.add_event("lens", serial=serial, id=id, file=out, simulated=simulated)
+    return Answer(data, [*_lens_lines(result), summary], asides=asides)
 
 
 def parse_board(words: str, option: str) -> Checkerboard:
@@ -140,9 +140,8 @@ def depth(run: Path, force: Path | None, out: Path) -> Answer:
 
     result = calibrate_depth(run, force)
     write_whole(out, result.toml().encode())
-    told = SensorLedger.add_event("depth", [run], file=out)
-    return Answer({**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"],
-                  asides=told)  # fmt: skip
+    data, lines = {**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"]
+    return Answer(data, lines, asides=SensorLedger.add_event("depth", [run], file=out))
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
@@ -181,15 +180,15 @@ def force(
         lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in left_out)]
         files = write_force_calibration(carried, output)
         data = {"transfer": fit.as_dict(), "left_out": left_out}
-        told = SensorLedger.add_event("force", runs, file=output)
-        return Answer(data, [*lines, files_line(files)], asides=told)
+        asides = SensorLedger.add_event("force", runs, file=output)
+        return Answer(data, [*lines, files_line(files)], asides=asides)
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
     lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.left_out)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
-    told = SensorLedger.add_event("force", runs, file=output)
-    return Answer(result.as_dict(), [*lines, files_line(files)], asides=told)
+    asides = SensorLedger.add_event("force", runs, file=output)
+    return Answer(result.as_dict(), [*lines, files_line(files)], asides=asides)
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:

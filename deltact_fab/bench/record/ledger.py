@@ -41,7 +41,7 @@ LOCK_WAIT_S, _LOCK_POLL_S = 10.0, 0.02  # by hand: a writer takes milliseconds
 _SERIAL_FORM = re.compile(r"\w[\w.+-]*")  # serial numbers that make a file name
 _ACCEPTANCE_KEYS = frozenset({"schema", "kind", "sensor", "made", "rest", "accepted"})
 _EVENTS_HEAD = re.compile(r"^[ \t]*\[events\]", re.MULTILINE)
-_CALIBRATIONS = ("lens", "depth", "force")
+_CALIBRATION_KINDS = ("lens", "depth", "force")
 _EventKey = Annotated[str, Field(pattern=r"^(run|accepted|lens|depth|force|health) .")]
 
 
@@ -61,7 +61,7 @@ class SensorEvent(Table):
 
 
 class SensorLedger(Table):
-    """What a lab keeps of one sensor: gel, print, design and events."""
+    """Record of one sensor: gel, print, design and events."""
 
     FOLDER: ClassVar = Path("sensors")
     COLUMNS: ClassVar = ("serial", "design", "gel_batch", "presses", "calibrated", "accepted",
@@ -132,13 +132,13 @@ class SensorLedger(Table):
                 values["simulated"] = any(run.simulated for run in runs)
             if kind == "run":
                 values |= {"file": runs[0].folder, "presses": runs[0].count_presses()[0]}
-            made: dict[str, str] = {}
+            origin: dict[str, str] = {}
             if runs and not runs[0].imported:
                 dimensions = json.dumps(runs[0].meta["sensor"], sort_keys=True).encode()
                 digest = hashlib.sha256(dimensions).hexdigest()[:12]
-                made = {"design": specimen.get("design", ""), "design_digest": digest}
+                origin = {"design": specimen.get("design", ""), "design_digest": digest}
             with cls.locked():
-                return _add(cls.file(serial), f"{kind} {id}", date, values, made)
+                return _add(cls.file(serial), f"{kind} {id}", date, values, origin)
         except (DeltactFabError, OSError) as error:
             return [f"ledger: {error}; nothing was added ({kind})"]
 
@@ -155,9 +155,9 @@ class SensorLedger(Table):
     def add_acceptance(cls, path: Path, text: str) -> None:
         """Write the text of an acceptance file, with the ledger that is in the file."""
         with cls.locked():
-            head, ledger = _read(path)
+            head, ledger = _read_ledger(path)
             top, _, tables = text.partition("\n[")
-            _write(path, f"{top}\n{head}\n[{tables}".rstrip(), ledger.events)
+            _write_ledger(path, f"{top}\n{head}\n[{tables}".rstrip(), ledger.events)
 
     @classmethod
     @contextmanager
@@ -177,7 +177,7 @@ class SensorLedger(Table):
         rows = []
         for path in sorted(cls.FOLDER.glob("*.toml")):
             try:
-                row = _row(_read(path)[1], "accepted" in read_toml(path))
+                row = _row(_read_ledger(path)[1], "accepted" in read_toml(path))
             except InputError as error:
                 row = {"fault": str(error)}
             rows.append(tuple(({"serial": path.stem} | row).get(name) for name in cls.COLUMNS))
@@ -190,7 +190,7 @@ def _row(ledger: SensorLedger, accepted: bool) -> dict[str, Any]:
     real = [part for part in parts if not part[2].simulated]
     latest = {kind: (id, e) for kind, id, e in sorted(real or parts, key=lambda part: part[2].date)}
     dates = {kind: event.date[:10] for kind, (_, event) in latest.items()}
-    calibrated = [f"{kind} {dates[kind]}" for kind in _CALIBRATIONS if kind in dates]
+    calibrated = [f"{kind} {dates[kind]}" for kind in _CALIBRATION_KINDS if kind in dates]
     return {
         "design": ledger.design,
         "gel_batch": ledger.gel_batch or None,
@@ -213,27 +213,27 @@ def _presses(id: str, event: SensorEvent) -> int:
 
 
 def _add(
-    path: Path, key: str, when: datetime, values: dict[str, Any], made: dict[str, str]
+    path: Path, key: str, when: datetime, values: dict[str, Any], origin: dict[str, str]
 ) -> list[str]:
-    """Write an event, and the design on which it was made; return a line if the file has another.
+    """Write an event, and the design of its run; return a line if the file has another.
 
     An event of the same key keeps its date.
     """
-    head, ledger = _read(path)
-    stored = {name: getattr(ledger, name) for name in made}
+    head, ledger = _read_ledger(path)
+    stored = {name: getattr(ledger, name) for name in origin}
     if None in stored.values():
-        new = [f"{k} = {toml_literal(v)}\n" for k, v in made.items() if stored[k] is None]
+        new = [f"{k} = {toml_literal(v)}\n" for k, v in origin.items() if stored[k] is None]
         head = "".join(new) + head
     date = ledger.events[key].date if key in ledger.events else f"{when:%Y-%m-%dT%H:%M:%SZ}"
     event = validate(SensorEvent, {"date": date, **values}, str(path))
-    _write(path, head, {**ledger.events, key: event})
-    if stored.get("design_digest") in (None, made.get("design_digest")):
+    _write_ledger(path, head, {**ledger.events, key: event})
+    if stored.get("design_digest") in (None, origin.get("design_digest")):
         return []
-    was, now = (f"{d['design']!r} with digest {d['design_digest']}" for d in (stored, made))
-    return [f"{path}: design: {was}; this run has {now}"]
+    was, current = (f"{d['design']!r} with digest {d['design_digest']}" for d in (stored, origin))
+    return [f"{path}: design: {was}; this run has {current}"]
 
 
-def _read(path: Path) -> tuple[str, SensorLedger]:
+def _read_ledger(path: Path) -> tuple[str, SensorLedger]:
     """Return a file's text above the events, and its ledger. Raises InputError."""
     head = read_text(path) if path.exists() else _new_text()
     data = read_toml(path) if path.exists() else {}
@@ -249,7 +249,7 @@ def _read(path: Path) -> tuple[str, SensorLedger]:
     return head.rstrip() + "\n", validate(SensorLedger, data, str(path))
 
 
-def _write(path: Path, head: str, events: dict[str, SensorEvent]) -> None:
+def _write_ledger(path: Path, head: str, events: dict[str, SensorEvent]) -> None:
     lines = [
         f"{toml_literal(key)} = {toml_literal(event.model_dump(exclude_defaults=True))}"
         for key, event in events.items()
