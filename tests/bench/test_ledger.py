@@ -19,7 +19,7 @@ from short_run import ShortRun
 
 from deltact_fab.bench.record import ledger
 from deltact_fab.bench.record.ledger import SensorLedger
-from deltact_fab.bench.record.run import Run, open_run
+from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.reading import read_toml
 
 FILE = Path("sensors/A1.toml")
@@ -52,6 +52,7 @@ def _add_many(folder: str, first: int) -> None:
         assert SensorLedger.add_event("lens", serial="A1", id=str(number // 2)) == []
 
 
+@pytest.mark.slow
 def test_two_processes_lose_no_event(lab: ShortRun, tmp_path: Path) -> None:
     """Each adds 20 events twice, half of them those of the other."""
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
@@ -59,6 +60,7 @@ def test_two_processes_lose_no_event(lab: ShortRun, tmp_path: Path) -> None:
     assert {*read_toml(FILE)["events"]} == {f"lens {number}" for number in range(30)}
 
 
+@pytest.mark.slow
 def test_killed_and_resumed_run_counts_once(lab: ShortRun, tmp_path: Path) -> None:
     """Killed in its third press, resumed twice, copied elsewhere: four presses."""
     script = (
@@ -123,36 +125,67 @@ def test_unwritable_folder_stops_nothing(lab: ShortRun, monkeypatch: Any) -> Non
     assert "locked by another process for 0.05 s" in line
 
 
-def test_what_a_lab_wrote_is_kept(lab: ShortRun, tmp_path: Path) -> None:
-    """Comments too; another design is reported."""
+def changed(run: Path, out: Path, changes: dict[str, dict[str, Any]]) -> Path:
+    """A copy of a run, begun a day later, with other values in tables of run.json."""
+    shutil.copytree(run, out)
+    meta = json.loads((out / "run.json").read_text())
+    for table, values in changes.items():
+        part = meta
+        for name in filter(None, table.split(".")):
+            part = part[name]
+        part |= values
+    (out / "run.json").write_text(json.dumps(meta))
+    with sqlite3.connect(out / "journal.sqlite") as db:
+        db.execute("UPDATE events SET wall_s = wall_s + 86400")
+    db.close()
+    return out
+
+
+@pytest.mark.parametrize(
+    ("changes", "events", "report"),
+    [
+        ({}, 2, ""),
+        ({"": {"air": True}}, 1, ""),
+        ({"protocol.specimen": {"serial": None}}, 1, ""),
+        ({"protocol.specimen": {"serial": "A/1"}}, 1, "'A/1': use letters, digits, '.'"),
+        ({"sensor.skin": {"thickness_mm": 7.0}}, 2, "sensors/A1.toml: design: '"),
+    ],
+)
+def test_a_second_run(
+    lab: ShortRun, tmp_path: Path, changes: dict[str, Any], events: int, report: str
+) -> None:
+    """One line for another design; what a lab wrote is kept, the comment too."""
     FILE.write_text('# mine\ngel_batch = "B7"\r\n')
     assert SensorLedger.add_event("run", [lab.finished]) == []
-    text = FILE.read_bytes()
-    assert b'# mine\ngel_batch = "B7"' in text
-    for number, change in enumerate(({}, {"air": True}, {"serial": None}, {"thickness_mm": 7.0})):
-        copy = shutil.copytree(lab.finished, tmp_path / f"r{number}")
-        meta = json.loads((copy / "run.json").read_text())
-        meta |= {"air": change.get("air", False)}
-        meta["sensor"]["skin"] |= {k: v for k, v in change.items() if k == "thickness_mm"}
-        meta["protocol"]["specimen"] |= {k: v for k, v in change.items() if k == "serial"}
-        (copy / "run.json").write_text(json.dumps(meta))
-        lines = SensorLedger.add_event("force", [copy])
-        assert ["this run has" in line for line in lines] == [True] * ("thickness_mm" in change)
+    lines = SensorLedger.add_event("run", [changed(lab.finished, tmp_path / "r", changes)])
+    assert len(lines) == bool(report)
+    assert report in "".join(lines)
+    assert len(read_toml(FILE)["events"]) == events
+    assert '# mine\ngel_batch = "B7"' in FILE.read_text()
+    assert listed()["presses"] == 4 * events
 
 
-def test_real_presses_do_not_include_simulated(lab: ShortRun, tmp_path: Path) -> None:
+def test_simulated_presses_do_not_count(lab: ShortRun, tmp_path: Path) -> None:
     SensorLedger.add_event("run", [lab.finished])
-    assert (listed()["presses"], listed()["simulated"]) == (4, True)
-    copy = shutil.copytree(lab.finished, tmp_path / "real")
-    meta = json.loads((copy / "run.json").read_text())
-    (copy / "run.json").write_text(json.dumps(meta | {"simulated": False}))
-    with sqlite3.connect(copy / "journal.sqlite") as db:
-        db.execute("UPDATE events SET wall_s = wall_s + 86400")
-        db.execute("DELETE FROM steps WHERE press LIKE 'sphere-8/p2'")
+    real = changed(lab.finished, tmp_path / "real", {"": {"simulated": False}})
+    with sqlite3.connect(real / "journal.sqlite") as db:
+        db.execute("DELETE FROM steps WHERE press = 'sphere-8/p2'")
     db.close()
-    SensorLedger.add_event("run", [copy])
+    SensorLedger.add_event("run", [real])
     assert (listed()["presses"], listed()["simulated"]) == (3, False)
-    rows = {row["run"]: row for row in Run.list_runs(tmp_path)}
-    (row,) = rows.values()
-    assert (row["complete"], row["planned"], row["simulated"]) == (3, 4, False)
-    assert open_run(copy).id in listed()["last_run"]
+    assert listed()["last_run"] == open_run(real).id
+    shutil.copytree(real, "broken")
+    Path("broken/run.json").write_text("{")
+    done = called("record", "list", "--json")
+    assert done.returncode == 0
+    broken, row = json.loads(done.stdout)
+    assert broken["fault"].startswith("broken/run.json: not valid JSON")
+    assert (row["complete"], row["planned"], row["simulated"], row["serial"]) == (3, 4, False, "A1")
+    assert "broken/run.json: not valid JSON" in called("record", "list").stdout
+
+
+def test_settings_of_controller_are_hidden(lab: ShortRun) -> None:
+    shown, whole = (called("record", "show", lab.finished, *more).stdout
+                    for more in ((), ("--settings",)))  # fmt: skip
+    assert ("settings.$" in shown, "--settings shows them" in shown) == (False, True)
+    assert "devices.stage.settings.$110" in whole

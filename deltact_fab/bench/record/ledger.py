@@ -230,7 +230,7 @@ def _add(
     if stored.get("design_digest") in (None, origin.get("design_digest")):
         return []
     was, current = (f"{d['design']!r} with digest {d['design_digest']}" for d in (stored, origin))
-    return [f"{path}: design: {was}; this run has {current}"]
+    return [f"{path}: design: {was}; this run has {current}: another sensor, or an edited design?"]
 
 
 def _read_ledger(path: Path) -> tuple[str, SensorLedger]:

@@ -55,8 +55,8 @@ class Run:
 
     UNKNOWN: ClassVar = UNKNOWN_SENSOR
     """Kind of the frames of an imported run; their indenter if unknown."""
-    LIST_COLUMNS: ClassVar = ("run", "protocol", "begun", "rig", "simulated", "serial", "complete",
-                              "planned", "state", "fault")  # fmt: skip
+    LIST_COLUMNS: ClassVar = ("run", "protocol", "begun", "rig", "simulated", "air", "serial",
+                              "complete", "planned", "state", "fault")  # fmt: skip
     """Keys of `list_runs`; complete, planned: numbers of presses."""
 
     def __init__(self, folder: Path):

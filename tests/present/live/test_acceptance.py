@@ -265,13 +265,15 @@ def test_guide_pictures_match_their_captions():
 
 @pytest.mark.slow
 def test_health_starts_from_acceptance(tmp_path):
+    assert called("rig", "sensors", "--new", "A1", cwd=tmp_path).returncode == 0
     words = ["rig", "accept", "virtual", "--frames", "12", "--serial", "A1"]
     done = called(*words, "--picture", "face.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("virtual: accepted\n")
     assert "simulated, seed 0" in done.stdout
     kept = tomllib.loads((tmp_path / "sensors" / "A1.toml").read_text())
-    assert kept["kind"] == "acceptance"
+    assert (kept["kind"], kept["gel_batch"]) == ("acceptance", "")
+    assert [key.split()[0] for key in kept["events"]] == ["accepted"]
     assert kept["sensor"] == {"design": "deltact", "serial": "A1"}
     assert cv2.imread(str(tmp_path / "face.png")) is not None
     again = called(*words, cwd=tmp_path)
@@ -292,6 +294,8 @@ def test_health_starts_from_acceptance(tmp_path):
     look = ["measure", str(folder), "--camera", str(camera), "--serial", "A1"]
     told = called(*look, cwd=tmp_path)
     assert "the pattern moved by 0.45 mm" in told.stderr
+    (row,) = json.loads(called("rig", "sensors", "--json", cwd=tmp_path).stdout)
+    assert "the pattern moved by 0.45 mm" in row["health"]
     (tmp_path / "sensors" / "A1.rest.png").write_bytes(b"no")
     told = called(*look, cwd=tmp_path)
     assert told.returncode == 2
