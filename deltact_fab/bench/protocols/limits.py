@@ -199,7 +199,7 @@ def _recovery(
     prony, ends_s = protocol.specimen.prony, planned_ends_s(steps, stage)
     total = 1 + math.fsum(g for g, _ in prony)
 
-    def left(rest_s: float) -> float:
+    def creep_share(rest_s: float) -> float:
         return math.fsum(g / total * math.exp(-rest_s / tau_s) for g, tau_s in prony)
 
     radius_mm = {s.indenter: max(parse_indenter(s.indenter).footprint_half_mm) for s in steps}
@@ -209,12 +209,12 @@ def _recovery(
     for start_s, end_s, step in zip(ends_s, ends_s[1:], steps, strict=False):
         press = presses.get(step.press)
         if press is not None and step.kind == "approach":
-            for since_s, other in reversed(released):
-                if left(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
+            for since_s, previous in reversed(released):
+                if creep_share(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
                     break
-                reach_mm = sum(radius_mm[p.indenter] for p in (press, other))
-                if math.dist(press.at_mm, other.at_mm) < reach_mm + sensor.skin.thickness_mm:
-                    worst = left(start_s - since_s), step.press, start_s - since_s
+                reach_mm = sum(radius_mm[p.indenter] for p in (press, previous))
+                if math.dist(press.at_mm, previous.at_mm) < reach_mm + sensor.skin.thickness_mm:
+                    worst = creep_share(start_s - since_s), step.press, start_s - since_s
                     break
         if press is not None and step.kind == "retract":
             released.append((end_s, press))
