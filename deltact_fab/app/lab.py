@@ -116,18 +116,29 @@ ABOUT_RIG = (
 )
 
 
-def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
-    """Write a protocol that starts from another one, and return its file.
+def protocol(
+    name: str, source: str = "smoke", out: Path | None = None, design: str | None = None
+) -> tuple[Path, list[str]]:
+    """Write a protocol that starts from another one; return its file, and changes for a design.
 
-    Raises InputError as `catalog.write_new`, and for an invalid name or source.
+    Raises InputError as `catalog.write_new`, and for an invalid name, source or design.
     """
     from deltact_fab.bench import load_protocol
 
     declared, path = load_protocol(source, by_hand=True)
-    text = f"Based on {source}; state the purpose of the experiment here."
-    settings = {**read_toml(path), "name": name, "description": text}
+    purpose = f"Based on {source}; state the purpose of the experiment here."
+    settings = {**read_toml(path), "name": name, "description": purpose}
     if settings.pop("presses", None) is not None:  # relative to the other file
         settings["press"] = [entry.model_dump(exclude_unset=True) for entry in declared.press]
+    changes: list[str] = []
+    if design is not None:
+        from deltact_fab.fabricate import load_design
+
+        from .fit import fit_settings
+
+        old = load_design(declared.specimen.design)
+        settings, changes = fit_settings(settings, old, load_design(design))
+        settings["specimen"] = {**settings.get("specimen", {}), "design": design}
     about = (
         f"An indentation experiment, based on {source!r}. Positions are from the centre of the",
         "resting face: x along its width, y along its length, z out of it. Next:",
@@ -135,7 +146,9 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
         f"    deltact-fab protocol show {name}",
         f"    deltact-fab run {name} --rig virtual --out {name}-run",
     )
-    return _write("protocol", name, out, commented_toml(FILE_KINDS["protocol"], settings, about))
+    fitted = (f"Fitted to design {design!r}: {line}." for line in changes)
+    text = commented_toml(FILE_KINDS["protocol"], settings, (*about, *fitted))
+    return _write("protocol", name, out, text), changes
 
 
 def design(

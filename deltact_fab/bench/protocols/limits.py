@@ -172,7 +172,24 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
         )
         name, subject = "contact on the skin", f"reach in {letter} (mm)"
         status = graded(reach <= bound + LIMIT_SLACK_MM)
+        if status == "fail":
+            subject += f"; {_passing_places(steps, axis, step_id, bound)}"
         yield Check.at_most(f"footprint.{letter}", name, subject, reach, bound, step_id, status)
+
+
+def _passing_places(steps: list[Step], axis: int, step_id: str, bound_mm: float) -> str:
+    """Positions on which the indenter of a failed step passes, drags included."""
+    failed = next(step for step in steps if step.id == step_id)
+    centre = next(s.target_mm[axis] for s in steps if s.press == failed.press)
+    indenter = parse_indenter(failed.indenter)
+    drag_mm = max(
+        abs(s.target_mm[axis] - centre) for s in steps
+        if s.press == failed.press and s.kind in ("press", "shear")
+    )  # fmt: skip
+    place_mm = bound_mm - indenter.footprint_half_mm[axis] - drag_mm
+    if place_mm < 0:
+        return f"no place on this face for {indenter.name}; use a smaller one"
+    return f"places within +-{math.floor(place_mm * 100) / 100:g} mm for {indenter.name}"
 
 
 def _sideways(steps: list[Step], protocol: Protocol) -> Check:
