@@ -394,3 +394,21 @@ class WriterThreads:
             for entry in entries:
                 for table, row in entry.rows:
                     insert(self._db, table, row)
+
+
+def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
+    """Read rows that belong to presses, by table, to compare two runs.
+
+    All columns but the clocks, the id first; of pose samples only their presence: poses are
+    sampled while a move is streamed, so their values depend on timing.
+    """
+    rows: dict[str, list[tuple[Any, ...]]] = {}
+    with closing(open_journal(folder, "ro")) as db:
+        for table in PRESS_TABLES:
+            columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
+            names = [c for c in columns if c not in CLOCK_COLUMNS]
+            names.sort(key=lambda c: c not in ("frame_id", "step_id"))
+            query = f"SELECT {','.join(names)} FROM {table} ORDER BY 1, 2"
+            stored = db.execute(query).fetchall()
+            rows[table] = [row[:3] if "pose" in row else row for row in stored]
+    return rows

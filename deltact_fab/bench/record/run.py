@@ -24,19 +24,13 @@ from deltact_fab.sensor import (
     restore_indenter,
 )
 
-from ..protocols.plan import DeadWeights, Protocol, expand_protocol
+from ..protocols.plan import Protocol, expand_protocol
+from ..protocols.tables import DeadWeights
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
-from .journal import (
-    CLOCK_COLUMNS,
-    PRESS_TABLES,
-    is_claimed,
-    journal_errors,
-    open_journal,
-    schema_faults,
-)  # fmt: skip
+from .journal import is_claimed, journal_errors, open_journal, read_press_rows, schema_faults
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -123,23 +117,6 @@ class Run:
         last = {step.press: step.id for step in steps if step.kind != "change"}
         return sum(id in done_ids for id in last.values()), len(last)
 
-    def press_rows(self) -> dict[str, list[tuple[Any, ...]]]:
-        """Return the rows that belong to presses, by table, to compare two runs.
-
-        All columns but the clocks, the id first; of pose samples only their presence: poses are
-        sampled while a move is streamed, so their values depend on timing.
-        """
-        rows: dict[str, list[tuple[Any, ...]]] = {}
-        with self.reader() as db:
-            for table in PRESS_TABLES:
-                columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
-                names = [c for c in columns if c not in CLOCK_COLUMNS]
-                names.sort(key=lambda c: c not in ("frame_id", "step_id"))
-                query = f"SELECT {','.join(names)} FROM {table} ORDER BY 1, 2"
-                stored = db.execute(query).fetchall()
-                rows[table] = [row[:3] if "pose" in row else row for row in stored]
-        return rows
-
     def frames(self, press: str | None = None) -> pd.DataFrame:
         """Frames (of one press), one row per frame in order of capture.
 
@@ -202,6 +179,14 @@ class Run:
     def steps(self, press: str | None = None) -> pd.DataFrame:
         """Finished steps (of one press), one row each."""
         return self._table("steps", press)
+
+    def press_roles(self) -> dict[str, str]:
+        """Role of each planned press: "fit", "validate" or "reference"; empty if not recorded."""
+        return {press["name"]: press["role"] for press in self.meta.get("presses", [])}
+
+    def press_rows(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Rows of the presses by table, without clocks, to compare two runs."""
+        return read_press_rows(self.folder)
 
     @cached_property
     def camera(self) -> CameraModel:
