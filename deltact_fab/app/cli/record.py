@@ -60,10 +60,10 @@ def show(run: Path, settings: bool) -> Answer:
     data = open_run(run).describe()
     times = {key: data[key] and _format_time(data[key]) for key in ("begun_s", "ended_s")}
     rows = list(pairs({**data, **times, "notes": None}))
-    shown = [row for row in rows if settings or ".settings.$" not in row[0]]
-    if n_hidden := len(rows) - len(shown):
-        shown.append(("devices.stage.settings", f"{n_hidden} values; --settings shows them"))
-    lines = table(("key", "value"), shown)
+    visible = [row for row in rows if settings or ".settings.$" not in row[0]]
+    if n_hidden := len(rows) - len(visible):
+        visible.append(("devices.stage.settings", f"{n_hidden} values; --settings shows them"))
+    lines = table(("key", "value"), visible)
     return Answer(data, [*lines, *map(_note_line, data["notes"])])
 
 
