@@ -37,10 +37,17 @@ class LineReader:
     """Reader of the lines of one scale. refused: the last line if it is no reading, and
     why."""
 
-    def __init__(self, config: SerialScaleConfig) -> None:
+    def __init__(
+        self,
+        config: SerialScaleConfig | None,
+        columns: tuple[str, ...] = (),
+        words: bytes | None = None,
+    ) -> None:
+        """config: None for monitors, one for each of the columns. words: if they are known."""
         self._config = config
+        self._columns = columns if config is None else config.columns
         self._first: Counter[bytes] = Counter()
-        self._words: bytes | None = None
+        self._words = words
         self.refused = ""
 
     def values(self, line: bytes) -> list[float] | None:
@@ -64,16 +71,18 @@ class LineReader:
 
     def _fault(self, line: bytes, rest: bytes, units: list[str]) -> str:
         """Reason why a line is no reading, with the key that would read it, or ""."""
-        columns = self._config.columns
+        columns = self._columns
         if ERROR_PATTERN.search(line):
             return "reports an error"
         if re.search(rb"\d", WORD_PATTERN.sub(b"", rest)):
             return "digits that are no number"
+        if self._config is None and len(units) not in (0, len(columns)):
+            return f"{len(units)} numbers, and this source has {len(columns)} [[monitor]]"
         if len(units) != len(columns):
             return _count_fault(line, len(units), columns)
         for column, unit in zip(columns, units, strict=True):
             key = "unit" if column.startswith("f") else "torque_unit"
-            right, name = getattr(self._config, key), UNIT_NAMES.get(unit.lower())
+            right, name = getattr(self._config, key, ""), UNIT_NAMES.get(unit.lower())
             if name not in (None, right) and column != "-":
                 fits = name and name.startswith("Nm") == (key == "torque_unit")
                 remedy = f'set {key} = "{name}"' if fits else f"set the scale to {right}"

@@ -8,9 +8,12 @@ from the connection on, every GUARD_PERIOD_NS, in every motion except homing.
 
 from __future__ import annotations
 
+import logging
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 
 from deltact_fab.common import DeltactFabError, SensorError, to_ns
 
@@ -20,12 +23,15 @@ from ...record.streams import Chunk
 from ...record.writer import RunWriter
 from ..interface import CameraFrame, Devices
 from .contact import FeltForce, streaming
+from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
+_LOG = logging.getLogger(__name__)
 POSE_PERIOD_NS = to_ns(STATUS_INTERVAL_S)
 # By hand: longer periods let a virtual guard trip later, shorter ones cost simulation time.
 GUARD_PERIOD_NS = 8_000_000
 SAMPLE_WAIT_NS = 1_000_000  # duration of a read, at 1 kHz
+PAUSE_LOOK_S = 0.2  # by hand: between two looks at stage and monitors in a pause
 N_TAKEN = "taken"
 # Ids of the record's events for frames.
 N_LATE, N_MISSED, N_UNWRITTEN = "frames late", "frames missed", "frames unwritten"
@@ -63,11 +69,15 @@ class Schedule:
         depth = self.force.depth if self.force is not None else None
         self.pose = PoseStream(devices.stage, devices.clock, depth)
         self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
+        self._loops: list[Loop] = []
+        self._monitors = [m for source in devices.monitors for m in source.monitors]
 
     # ---- called by the thread that moves the stage ----------------------------------------------
 
     def open(self) -> None:
-        """Start the force stream for the guard; nothing else streams outside of a press."""
+        """Start monitors, and the force stream for the guard; nothing else streams outside of a
+        press."""
+        self._open_monitors()
         if self._guarded and self.force is not None:
             self.force.keeping = False
             self._start_force()
@@ -132,11 +142,33 @@ class Schedule:
         yield felt_n
 
     def close(self) -> list[str]:
-        """End threads; return the names of those that did not end in time."""
-        return []
+        """End the threads, each after its present step; return the names of those that did not end
+        in time."""
+        names = [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
+        for source in self._d.monitors:
+            source.close()
+        return names
 
     def check(self) -> None:
         """Raise the error of another thread that stopped the stage, if any."""
+
+    # ---- between two presses ---------------------------------------------------------------------
+
+    def hindrances(self) -> dict[str, str] | None:
+        """Reasons of monitors against a press, by name; None while a first reading is awaited."""
+        found = {m.table.name: m.hindrance() for m in self._monitors}
+        if not any(found.values()) and any(m.awaited for m in self._monitors):
+            return None
+        return {name: text for name, text in found.items() if text}
+
+    def stand(self) -> None:
+        """Wait a moment in a pause; the rig's time does not pass in lockstep."""
+        time.sleep(PAUSE_LOOK_S)
+
+    def notify(self, kind: str, text: str) -> None:
+        """Journal an event and show it on the terminal."""
+        self.event(kind, text)
+        _LOG.warning("%s: %s", kind, text)
 
     # ---- one press -------------------------------------------------------------------------------
 
@@ -154,6 +186,9 @@ class Schedule:
 
     def finish(self, step: Step, planned_s: float, start_ns: int, last: bool) -> None:
         """Journal a complete step; last: it completes its press."""
+        for monitor in self._monitors:
+            if text := monitor.news():
+                self.notify("monitor", text)
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
             self._end_camera(self._press_frames)
@@ -189,6 +224,8 @@ class Schedule:
         if self.force is not None:
             self._force_streams = self.force.keeping = True
             self.force.force.begin(step.press)
+        for monitor in self._monitors:
+            monitor.mark(self._origin_ns)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
         assert self._d.camera is not None
@@ -203,6 +240,17 @@ class Schedule:
     @property
     def _guarded(self) -> bool:
         return self._d.guard is not None
+
+    def _open_monitors(self) -> None:
+        for source in self._d.monitors:
+            loop = Loop(source.name, source.step, self._fail)
+            self._loops.append(loop)
+            start = partial(source.start, self._d.wall_clock)
+            loop.ask(start, LOOP_ANSWER_S, going=True)
+
+    def _fail(self, error: BaseException) -> None:
+        """Handle an error that ended a thread."""
+        self.event("fault", f"{type(error).__name__}: {error}")
 
     def _waits_for_room(self, request: FrameRequest) -> bool:
         return True
@@ -256,8 +304,8 @@ class Schedule:
     def _take(self) -> list[Chunk]:
         if self._origin_ns is None:
             return []
-        chunks = self.pose.take(self._origin_ns)
-        return chunks + (self.force.take(self._origin_ns) if self.force is not None else [])
+        streams = [self.pose, *([self.force] if self.force is not None else []), *self._monitors]
+        return [chunk for stream in streams for chunk in stream.take(self._origin_ns)]
 
     def _record_frame(
         self,
