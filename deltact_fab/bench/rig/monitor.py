@@ -179,10 +179,8 @@ class MonitorSource:
                 device.close()
 
     def _put(self, values: list[float] | None) -> None:
-        for monitor, value in zip(
-            self.monitors, values or [None] * len(self.monitors), strict=True
-        ):
-            monitor.put(value, self._lines.refused)
+        for k, monitor in enumerate(self.monitors):
+            monitor.put(None if values is None else values[k], self._lines.refused)
 
     def _open(self) -> None:
         name, port = self._table.name, self._table.port
