@@ -73,10 +73,11 @@ class Monitor:
         return self._unknown() or self._outside()
 
     def hindrance(self) -> str:
-        """Problem that pauses the run, "" for none."""
-        return (
-            self._outside() if not (unknown := self._unknown()) else unknown * self.table.required
-        )
+        """Return the problem that pauses the run, "" for none; it is then no news."""
+        unknown, required = self._unknown(), self.table.required
+        if required:
+            self.news()
+        return unknown * required if unknown else self._outside()
 
     def news(self) -> str:
         """Return the first problem since the last call, if there was none then."""

@@ -304,8 +304,9 @@ class Schedule:
     def _take(self) -> list[Chunk]:
         if self._origin_ns is None:
             return []
-        streams = [self.pose, *([self.force] if self.force is not None else []), *self._monitors]
-        return [chunk for stream in streams for chunk in stream.take(self._origin_ns)]
+        chunks = self.pose.take(self._origin_ns)
+        chunks += self.force.take(self._origin_ns) if self.force is not None else []
+        return chunks + [c for m in self._monitors for c in m.take(self._origin_ns)]
 
     def _record_frame(
         self,
