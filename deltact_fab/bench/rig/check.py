@@ -20,6 +20,7 @@ from .force.guard import GuardLimits
 from .force.rdt import fetch_settings
 from .force.watchdog import open_force
 from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
+from .monitor import MonitorSource, monitor_sources
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
@@ -52,6 +53,8 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
+    for source in monitor_sources(config.monitor, folder):
+        yield from _monitor_rows(source, seconds)
     yield from _press_rows(config)
     yield from _stop_rows(config)
 
@@ -118,6 +121,22 @@ def _press_rows(config: GrblConfig) -> Iterator[Check]:
         yield _row("presses", id, "fail", text)
     if not missing:
         yield _row("presses", "rig-file", "pass", "complete for a press")
+
+
+def _monitor_rows(source: MonitorSource, seconds: float) -> Iterator[Check]:
+    """Rows from the first reading of each monitor on; a source that fails gives a row each."""
+    try:
+        source.start(timed=False)
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s or any(monitor.awaited for monitor in source.monitors):
+            source.step()
+        found = [(monitor.problem(), monitor.text) for monitor in source.monitors]
+    except DeltactFabError as error:
+        found = [(str(error), "")] * len(source.monitors)
+    finally:
+        source.close()
+    for monitor, (problem, text) in zip(source.monitors, found, strict=True):
+        yield _row("monitor", monitor.table.name, graded(not problem), problem or text)
 
 
 def _row(device: str, id: str, status: Status, text: str, remedy: str = "") -> Check:

@@ -111,13 +111,19 @@ class Monitor:
             )
         return f"{name}{reason}" if self._refused and self._value is not None else ""
 
+    @property
+    def text(self) -> str:
+        """Newest reading with name and unit; "" before the first."""
+        if self._value is None:
+            return ""
+        return f"{self.table.name} = {self._value:g} {self.table.unit}".rstrip()
+
     def _outside(self) -> str:
-        table, value = self.table, self._value
-        text = f"{table.name} = {value:g} {table.unit}" if value is not None else ""
-        if value is not None and table.min is not None and value < table.min:
-            return f"{text}, below min = {table.min:g}"
-        if value is not None and table.max is not None and value > table.max:
-            return f"{text}, above max = {table.max:g}"
+        low, high, value = self.table.min, self.table.max, self._value
+        if value is not None and low is not None and value < low:
+            return f"{self.text}, below min = {low:g}"
+        if value is not None and high is not None and value > high:
+            return f"{self.text}, above max = {high:g}"
         return ""
 
 

@@ -238,14 +238,14 @@ class Runner:
     def _report(self, step: Step) -> None:
         counts = self._streams.counts
         n_done = self._n_resumed + counts[N_TAKEN] + counts[N_MISSED] + counts[N_UNWRITTEN]
-        self._progress(n_done, self._total, step.id)
+        name = f"paused: {self._paused}" if self._paused else step.id
+        self._progress(n_done, self._total, name)
         if self._live is not None and self._remaining is not None:
             n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
             force, now_ns = self._streams.force, self._streams.now_ns()
             force_n = force.newest_n(now_ns) if force is not None else None
             left_s = self._remaining.left_s()
             n = n_done, self._total
-            name = f"paused: {self._paused}" if self._paused else step.id
             self._live(RunProgress(name, *n, force_n, counts[N_LATE], n_lost, left_s))
 
     def _cut_off(self, step: Step, kind: str, text: str) -> None:

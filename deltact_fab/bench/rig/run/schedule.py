@@ -165,9 +165,9 @@ class Schedule:
         """Wait a moment in a pause; the rig's time does not pass in lockstep."""
         time.sleep(PAUSE_LOOK_S)
 
-    def notify(self, kind: str, text: str) -> None:
+    def notify(self, kind: str, text: str, step: Step | None = None) -> None:
         """Journal an event and show it on the terminal."""
-        self.event(kind, text)
+        self.event(kind, text, step)
         _LOG.warning("%s: %s", kind, text)
 
     # ---- one press -------------------------------------------------------------------------------
@@ -188,7 +188,7 @@ class Schedule:
         """Journal a complete step; last: it completes its press."""
         for monitor in self._monitors:
             if text := monitor.news():
-                self.notify("monitor", text)
+                self.notify("monitor", text, step)
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
             self._end_camera(self._press_frames)
