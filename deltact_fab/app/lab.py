@@ -22,7 +22,17 @@ from deltact_fab.common import (
 )
 from deltact_fab.paths import asset, shipped_folder
 
-from .schema import BY_NAME, FILE_KINDS, ONE_TABLE, FileKind, KeyRow, describe, json_schema, rows
+from .schema import (
+    BY_NAME,
+    FILE_KINDS,
+    MANY_TABLES,
+    ONE_TABLE,
+    FileKind,
+    KeyRow,
+    describe,
+    json_schema,
+    rows,
+)
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HostDevice
@@ -260,12 +270,13 @@ def commented_toml(
         value = _value_at(settings, row.key)
         unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
         lines.append("")
-        if row.type in (ONE_TABLE, BY_NAME):
-            any_name = row.type == BY_NAME
-            mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
-            marks[f"{row.key}.*" if any_name else row.key] = mark
+        if row.type in PATH_MARKS:
+            optional = row.type != ONE_TABLE or not row.default
+            mark = max(marks[table], unset if optional else "", key=len)
+            marks[row.key + PATH_MARKS[row.type]] = mark
+            head = f"[{row.key}.{row.example}]" if row.type == BY_NAME else f"[{row.key}]"
             lines += _wrap_comment(row.meaning, "## ")
-            lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
+            lines.append(mark + (f"[{head}]" if row.type == MANY_TABLES else head))
             continue
         if value is None:
             value = _value_at(inherited or {}, row.key)

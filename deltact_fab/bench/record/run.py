@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _STREAM_COLUMNS = {"pose": POSE_COLUMNS, "force": FORCE_COLUMNS}
-_MONITOR_COLUMNS = ("monitor", "unit", "value")
 _SAMPLED_KEYS = (*POSE_COLUMNS, *FORCE_COLUMNS)
 MAX_VIEW_RATIO = 10  # pixels of a view by those of its raw image; by hand: ours have 0.5
 _SKEW_KEYS = ("pose_skew_s", "force_skew_s")
@@ -116,13 +115,12 @@ class Run:
 
         tables = (self.meta.get("rig") or {}).get("monitor") or ()
         units = {table["name"]: table["unit"] for table in tables}
-        parts = [pd.DataFrame(columns=["press", "step_id", "t_s", "t_press_s", *_MONITOR_COLUMNS])]
-        for stream in self.monitor_streams():
+        parts = []
+        for stream in self.monitor_streams() or [MONITOR_PREFIX]:
             name = stream.removeprefix(MONITOR_PREFIX)
             rows = self._samples(stream, press)
-            parts.append(rows.assign(monitor=name, unit=units.get(name, ""))[[*parts[0]]])
-        parts = [part for part in parts if len(part)] or parts[:1]
-        return pd.concat(parts, ignore_index=True)
+            parts.append(rows.assign(monitor=name, unit=units.get(name, "")))
+        return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
 
     def monitor_streams(self) -> list[str]:
         """Names of the recorded streams of monitors."""

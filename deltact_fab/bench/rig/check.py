@@ -20,7 +20,7 @@ from .force.guard import GuardLimits
 from .force.rdt import fetch_settings
 from .force.watchdog import open_force
 from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
-from .monitor import MonitorSource, monitor_sources
+from .monitor import Monitor
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
@@ -53,8 +53,8 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
-    for source in monitor_sources(config.monitor, folder):
-        yield from _monitor_rows(source, seconds)
+    for table in config.monitor or ():
+        yield _monitor_row(Monitor(table, folder), seconds)
     yield from _press_rows(config)
     yield from _stop_rows(config)
 
@@ -123,20 +123,17 @@ def _press_rows(config: GrblConfig) -> Iterator[Check]:
         yield _row("presses", "rig-file", "pass", "complete for a press")
 
 
-def _monitor_rows(source: MonitorSource, seconds: float) -> Iterator[Check]:
-    """Rows from the first reading of each monitor on; a source that fails gives a row each."""
+def _monitor_row(monitor: Monitor, seconds: float) -> Check:
     try:
-        source.start(timed=False)
+        monitor.start(timed=False, tell=lambda text: None)
         until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s or any(monitor.awaited for monitor in source.monitors):
-            source.step()
-        found = [(monitor.problem(), monitor.text) for monitor in source.monitors]
+        while monitor.awaited or time.monotonic() < until_s:
+            monitor.step()
+        problem = monitor.problem()
     except DeltactFabError as error:
-        found = [(str(error), "")] * len(source.monitors)
-    finally:
-        source.close()
-    for monitor, (problem, text) in zip(source.monitors, found, strict=True):
-        yield _row("monitor", monitor.table.name, graded(not problem), problem or text)
+        problem = str(error)
+    monitor.close()
+    return _row("monitor", monitor.table.name, graded(not problem), problem or monitor.text)
 
 
 def _row(device: str, id: str, status: Status, text: str, remedy: str = "") -> Check:

@@ -149,7 +149,7 @@ class VirtualConfig(Table):
     tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
     monitor: Monitors | None = None
-    """Read at each press of a run, whose simulated time does not pass meanwhile."""
+    """A number of the surroundings, read once at each press; its limits pause the run."""
     virtual: SimulatorConfig = SimulatorConfig()
     served: ClassVar[bool] = False
 
@@ -190,6 +190,7 @@ class GrblConfig(Table):
     """By indenter, as `[tools."sphere:10"]`: its length minus that of the tip that the origin was
     measured with."""
     monitor: Monitors | None = None
+    """A number of the surroundings, recorded during a run, with limits that pause it."""
 
     @model_validator(mode="after")
     def _port(self) -> Self:

@@ -169,10 +169,7 @@ class SerialScaleConfig(Table):
 
 
 class MonitorConfig(Table):
-    """A number of the surroundings that is recorded during a run, with limits that pause it.
-
-    Tables with the same command or port share it: its lines have one number for each.
-    """
+    """A number of the surroundings that is recorded during a run, with limits that pause it."""
 
     name: str = Field(max_length=32, pattern=r"^[a-z][a-z0-9-]*$", examples=["temperature"])
     """Name in records and messages, as temperature, humidity or light."""
@@ -211,10 +208,9 @@ class MonitorConfig(Table):
 
 
 def _distinct_monitors(monitors: tuple[MonitorConfig, ...]) -> tuple[MonitorConfig, ...]:
-    """Raise ValueError for a name given twice."""
     names = [monitor.name for monitor in monitors]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"name: {twice[0]!r} is given twice; each monitor needs its own")
+    if len(set(names)) < len(names):
+        raise ValueError(f"name: each monitor needs its own (got {', '.join(names)})")
     return monitors
 
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from deltact_fab.common import (
@@ -35,10 +35,7 @@ from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
 PAUSED_BY_HAND = "by the operator; Ctrl-Z or SIGUSR1 continues"
-_PAUSE_WORDS = {
-    True: b"deltact-fab: a pause before the next press; Ctrl-Z or SIGUSR1 again takes it back\n",
-    False: b"deltact-fab: no pause by the operator\n",
-}
+_PAUSE_WORDS = b"deltact-fab: pauses before the next press; Ctrl-Z or SIGUSR1 takes it back\n"
 _CLEAR_LINE = b"\r\x1b[2K"  # of a progress bar
 RESUME_HINT = "complete presses are kept: continue with --resume"
 PRIOR_PLAN_S = 10.0  # by hand: weight of the plan before any step was timed
@@ -157,28 +154,28 @@ class Runner:
     def _toggle_pause(self) -> None:
         """Begin or end a pause by the operator; called in a signal handler."""
         self._pausing = not self._pausing
-        write_from_handler(_CLEAR_LINE, _PAUSE_WORDS[self._pausing])
+        if self._pausing:
+            write_from_handler(_CLEAR_LINE, _PAUSE_WORDS)
 
     def _pause(self, press: str) -> None:
         """Wait before a press while the operator or a monitor asks for it; nothing moves."""
         told: set[str] = set()
         since_s = time.monotonic()
         assert self._remaining is not None
-        with self._remaining.left_out():
-            while True:
-                by_monitor = self._streams.hindrances()
-                by_hand = {"": PAUSED_BY_HAND} if self._pausing else {}
-                reasons = by_hand | (by_monitor or {})
-                for key in reasons.keys() - told:
-                    self._streams.notify("paused", f"before {press}: {reasons[key]}")
-                told |= reasons.keys()
-                self._paused = "; ".join(reasons.values())
-                if not reasons and by_monitor is not None:
-                    break
-                self._streams.stand()
+        while True:
+            by_monitor = self._streams.hindrances()
+            reasons = ({"": PAUSED_BY_HAND} if self._pausing else {}) | (by_monitor or {})
+            for key in reasons.keys() - told:
+                self._streams.notify("paused", f"before {press}: {reasons[key]}")
+            told |= reasons.keys()
+            self._paused = "; ".join(reasons.values())
+            if not reasons and by_monitor is not None:
+                break
+            self._streams.stand()
+        paused_s = time.monotonic() - since_s
+        self._remaining.leave_out(paused_s)
         if told:
-            paused_s = format_duration(time.monotonic() - since_s)
-            self._streams.notify("continued", f"{press}, after {paused_s}")
+            self._streams.notify("continued", f"{press}, after {format_duration(paused_s)}")
 
     def _resume_at(self, steps: Sequence[Step], i: int) -> None:
         """Mount the indenter of a press and go to the end of the step before it.
@@ -244,7 +241,7 @@ class Runner:
             n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
             force, now_ns = self._streams.force, self._streams.now_ns()
             force_n = force.newest_n(now_ns) if force is not None else None
-            left_s = self._remaining.left_s()
+            left_s = None if self._paused else self._remaining.left_s()
             n = n_done, self._total
             self._live(RunProgress(name, *n, force_n, counts[N_LATE], n_lost, left_s))
 
@@ -269,7 +266,7 @@ class RunProgress:
     force_n: tuple[float, float, float] | None
     frames_late: int
     frames_lost: int  # missed, unwritten or dropped by the camera
-    left_s: float | None  # wall time; None until it can be estimated
+    left_s: float | None  # wall time; None until it can be estimated, and in a pause
 
     def line(self) -> str:
         """Return a status line; Fz in the sensor's z, negative in a press."""
@@ -305,7 +302,6 @@ class RemainingTime:
         self._done_s = PRIOR_PLAN_S if wall_clock else 0.0
         self._took_s = self._done_s
         self._since_s = time.monotonic()
-        self._stopped_s: float | None = None  # begin of a pause
 
     def start(self) -> None:
         """Start timing at the first step."""
@@ -325,18 +321,11 @@ class RemainingTime:
         if not self._done_s:
             return None
         left_s = self._left_s * self._took_s / self._done_s
-        now_s = time.monotonic() if self._stopped_s is None else self._stopped_s
-        return max(left_s - (now_s - self._since_s), 0.0)
+        return max(left_s - (time.monotonic() - self._since_s), 0.0)
 
-    @contextmanager
-    def left_out(self) -> Iterator[None]:
-        """Leave a block, a pause, out of all times."""
-        self._stopped_s = time.monotonic()
-        try:
-            yield
-        finally:
-            self._since_s += time.monotonic() - self._stopped_s
-            self._stopped_s = None
+    def leave_out(self, pause_s: float) -> None:
+        """Take a pause that has just ended out of the times."""
+        self._since_s += pause_s
 
 
 def _planned_s(steps: Sequence[Step], i: int) -> float:

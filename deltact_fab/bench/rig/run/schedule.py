@@ -70,7 +70,6 @@ class Schedule:
         self.pose = PoseStream(devices.stage, devices.clock, depth)
         self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
         self._loops: list[Loop] = []
-        self._monitors = [m for source in devices.monitors for m in source.monitors]
 
     # ---- called by the thread that moves the stage ----------------------------------------------
 
@@ -145,8 +144,8 @@ class Schedule:
         """End the threads, each after its present step; return the names of those that did not end
         in time."""
         names = [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
-        for source in self._d.monitors:
-            source.close()
+        for monitor in self._d.monitors:
+            monitor.close()
         return names
 
     def check(self) -> None:
@@ -156,18 +155,16 @@ class Schedule:
 
     def hindrances(self) -> dict[str, str] | None:
         """Reasons of monitors against a press, by name; None while a first reading is awaited."""
-        found = {m.table.name: m.hindrance() for m in self._monitors}
-        if not any(found.values()) and any(m.awaited for m in self._monitors):
-            return None
-        return {name: text for name, text in found.items() if text}
+        found = {m.table.name: text for m in self._d.monitors if (text := m.hindrance())}
+        return None if not found and any(m.awaited for m in self._d.monitors) else found
 
     def stand(self) -> None:
         """Wait a moment in a pause; the rig's time does not pass in lockstep."""
         time.sleep(PAUSE_LOOK_S)
 
-    def notify(self, kind: str, text: str, step: Step | None = None) -> None:
-        """Journal an event and show it on the terminal."""
-        self.event(kind, text, step)
+    def notify(self, kind: str, text: str) -> None:
+        """Journal an event and show it on the terminal; from any thread."""
+        self.event(kind, text)
         _LOG.warning("%s: %s", kind, text)
 
     # ---- one press -------------------------------------------------------------------------------
@@ -186,9 +183,6 @@ class Schedule:
 
     def finish(self, step: Step, planned_s: float, start_ns: int, last: bool) -> None:
         """Journal a complete step; last: it completes its press."""
-        for monitor in self._monitors:
-            if text := monitor.news():
-                self.notify("monitor", text, step)
         end_ns = self.now_ns()
         if last and self._d.camera is not None and step.kind != "change":
             self._end_camera(self._press_frames)
@@ -224,7 +218,7 @@ class Schedule:
         if self.force is not None:
             self._force_streams = self.force.keeping = True
             self.force.force.begin(step.press)
-        for monitor in self._monitors:
+        for monitor in self._d.monitors:
             monitor.mark(self._origin_ns)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
@@ -242,11 +236,11 @@ class Schedule:
         return self._d.guard is not None
 
     def _open_monitors(self) -> None:
-        for source in self._d.monitors:
-            loop = Loop(source.name, source.step, self._fail)
+        for monitor in self._d.monitors:
+            monitor.start(self._d.wall_clock, partial(self.notify, "monitor"))
+            loop = Loop(f"monitor {monitor.table.name}", monitor.step, self._fail)
             self._loops.append(loop)
-            start = partial(source.start, self._d.wall_clock)
-            loop.ask(start, LOOP_ANSWER_S, going=True)
+            loop.ask(lambda: None, LOOP_ANSWER_S, going=True)
 
     def _fail(self, error: BaseException) -> None:
         """Handle an error that ended a thread."""
@@ -306,7 +300,7 @@ class Schedule:
             return []
         chunks = self.pose.take(self._origin_ns)
         chunks += self.force.take(self._origin_ns) if self.force is not None else []
-        return chunks + [c for m in self._monitors for c in m.take(self._origin_ns)]
+        return chunks + [c for m in self._d.monitors for c in m.take(self._origin_ns)]
 
     def _record_frame(
         self,

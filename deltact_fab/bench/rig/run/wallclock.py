@@ -9,12 +9,11 @@ writes the stop byte, and the moving thread raises its error.
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 
-from deltact_fab.common import DeltactFabError, Point, RunFailed, SensorError, StageError, to_ns
+from deltact_fab.common import DeltactFabError, RunFailed, SensorError, to_ns
 
 from ...protocols.plan import Step
 from ...record.writer import RunWriter
@@ -28,7 +27,6 @@ from .streams import FrameRequest
 FRAME_LIMIT_S = 10.0  # after a frame is due; a stalled camera reports itself before
 THREAD_POLL_S = 0.005  # of other threads' results
 STAGE_POLL_S = 0.02  # a thread that fails stops the stage itself
-MOVED_IN_PAUSE_MM = 0.01  # by hand: a stage at rest reports one place
 
 
 class ThreadedSchedule(Schedule):
@@ -40,7 +38,6 @@ class ThreadedSchedule(Schedule):
         self._error: BaseException | None = None
         self._ending = False
         self._last_frame_ns = 0
-        self._stood_mm: Point | None = None  # in the present pause
         self._camera_loop: Loop | None = None
         self._force_loop: Loop | None = None
 
@@ -60,7 +57,7 @@ class ThreadedSchedule(Schedule):
 
     def enter(self, step: Step) -> None:
         """Begin a step, unless another thread has failed."""
-        self._step, self._stood_mm = step, None
+        self._step = step
         self.check()
 
     def move_sent(self, step: Step) -> None:
@@ -142,13 +139,9 @@ class ThreadedSchedule(Schedule):
     def stand(self) -> None:
         """Ask the stage where it is, then wait a moment with the guard armed.
 
-        Raises StageError for an alarm, a restart, silence, or a tip that was moved.
+        Raises StageError for an alarm, a restart or silence.
         """
-        at_mm = self._d.stage.timed_position()[1]
-        self._stood_mm = self._stood_mm or at_mm
-        moved_mm = math.dist(at_mm, self._stood_mm)
-        if moved_mm > MOVED_IN_PAUSE_MM:
-            raise StageError(f"the tip was moved by {moved_mm:.2f} mm in a pause: home again")
+        self._d.stage.position_mm()
         self._until(self.now_ns() + to_ns(PAUSE_LOOK_S))
 
     def _begin_devices(self, step: Step) -> None:
