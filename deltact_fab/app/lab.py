@@ -27,6 +27,7 @@ from .schema import (
     FILE_KINDS,
     MANY_TABLES,
     ONE_TABLE,
+    PATH_MARKS,
     FileKind,
     KeyRow,
     describe,
