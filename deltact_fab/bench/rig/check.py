@@ -20,7 +20,6 @@ from .force.guard import GuardLimits
 from .force.rdt import fetch_settings
 from .force.watchdog import open_force
 from .interface import Camera, ForceSensor, OpenBench, Rig, WallClock
-from .monitor import Monitor
 from .stage.grbl import GrblStage
 from .tables import CameraConfig, ForceConfig, GuardConfig
 
@@ -53,8 +52,6 @@ def check_rig(config: GrblConfig, folder: Path, seconds: float) -> Iterator[Chec
     else:
         text = "no [camera]: a protocol with the channel image is refused"
         yield _row("camera", "table", "warn", text)
-    for table in config.monitor or ():
-        yield _monitor_row(Monitor(table, folder), seconds)
     yield from _press_rows(config)
     yield from _stop_rows(config)
 
@@ -121,19 +118,6 @@ def _press_rows(config: GrblConfig) -> Iterator[Check]:
         yield _row("presses", id, "fail", text)
     if not missing:
         yield _row("presses", "rig-file", "pass", "complete for a press")
-
-
-def _monitor_row(monitor: Monitor, seconds: float) -> Check:
-    try:
-        monitor.start(timed=False, tell=lambda text: None)
-        until_s = time.monotonic() + seconds
-        while monitor.awaited or time.monotonic() < until_s:
-            monitor.step()
-        problem = monitor.problem()
-    except DeltactFabError as error:
-        problem = str(error)
-    monitor.close()
-    return _row("monitor", monitor.table.name, graded(not problem), problem or monitor.text)
 
 
 def _row(device: str, id: str, status: Status, text: str, remedy: str = "") -> Check:

@@ -27,7 +27,7 @@ from .tables import MonitorConfig
 # By hand: longer times delay the end of a run or a source's return, shorter ones load the host.
 MONITOR_READ_S = 0.1
 REOPEN_SOURCE_S = 2.0
-TELL_AGAIN_S = 10.0  # by hand: a value at its limit would flood the journal
+NOTE_AGAIN_S = 10.0  # by hand: a value at its limit would flood the journal
 MAX_PARTIAL_BYTES = 1024  # by hand: of a line
 
 
@@ -40,17 +40,17 @@ class Monitor:
         self._device: ChildProgram | Any = None  # Any: pyserial has no types
         self._value: float | None = None
         self._fault = ""  # of the last line or of the source
-        self._timed = self._had_problem = False
-        self._due_ns = self._kept_ns = self._told_ns = self._reopen_ns = 0
+        self._timed = self._in_trouble = False
+        self._due_ns = self._kept_ns = self._noted_ns = self._reopen_ns = 0
         self._readings: deque[tuple[int, float]] = deque()
 
-    def start(self, timed: bool, tell: Callable[[str], None]) -> None:
+    def start(self, timed: bool, note: Callable[[str], None]) -> None:
         """Open the source. Raises InputError for a faulty table, SensorError if it is required.
 
-        timed: readings are kept with their times; else `mark` keeps one. tell: called by `step`
+        timed: readings are kept with their times; else `mark` keeps one. note: called by `step`
         when a problem begins.
         """
-        self._timed, self._tell = timed, tell
+        self._timed, self._note = timed, note
         # A device repeats its words before it is understood.
         self._due_ns = time.monotonic_ns() + to_ns(FIRST_LINES * self.table.silent_s)
         try:
@@ -63,14 +63,14 @@ class Monitor:
     def step(self) -> None:
         """Read what has come, waiting up to MONITOR_READ_S; open a lost source again."""
         try:
-            self._read()
+            self._receive()
         except (DeltactFabError, OSError, TypeError) as error:  # TypeError: pyserial, once closed
             self._lose(error)
         problem, now_ns = self.problem(), time.monotonic_ns()
-        if problem and not self._had_problem and now_ns >= self._told_ns + to_ns(TELL_AGAIN_S):
-            self._told_ns = now_ns
-            self._tell(problem)
-        self._had_problem = bool(problem)
+        if problem and not self._in_trouble and now_ns >= self._noted_ns + to_ns(NOTE_AGAIN_S):
+            self._noted_ns = now_ns
+            self._note(problem)
+        self._in_trouble = bool(problem)
 
     def close(self) -> None:
         """End the program or close the port; idempotent."""
@@ -140,7 +140,7 @@ class Monitor:
             name = table.command[0]
             self._device = ChildProgram(name, f"{key}.command", table.command, self._folder)
 
-    def _read(self) -> None:
+    def _receive(self) -> None:
         device = self._device
         if device is None:
             time.sleep(MONITOR_READ_S)
@@ -148,7 +148,7 @@ class Monitor:
                 self._open()
             return
         if isinstance(device, ChildProgram):
-            data = device.read(MONITOR_READ_S)
+            data = device.receive(MONITOR_READ_S)
         else:
             data = device.read(max(1, device.in_waiting))
         *lines, partial = re.split(rb"[\r\n]+", self._partial + data)
@@ -156,11 +156,11 @@ class Monitor:
         for line in filter(bytes.strip, lines):
             values = self._lines.values(line)
             if values is not None:
-                self._put(values[0])
+                self._keep(values[0])
             elif self._value is not None:
                 self._fault = f"the last line was {self._lines.refused}"
 
-    def _put(self, value: float) -> None:
+    def _keep(self, value: float) -> None:
         now_ns = time.monotonic_ns()
         self._due_ns = now_ns + to_ns(self.table.silent_s)
         self._value, self._fault = value, ""

@@ -45,7 +45,7 @@ class ChildProgram:
         self._poll.register(self._out, select.POLLIN)
         self._poll.register(self._err, select.POLLIN)
 
-    def read(self, timeout_s: float) -> bytes:
+    def receive(self, timeout_s: float) -> bytes:
         """Return output, b"" if none comes in time. Raises SensorError at its end."""
         if not self._has_output(timeout_s):
             return b""

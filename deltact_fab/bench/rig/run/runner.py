@@ -159,22 +159,22 @@ class Runner:
 
     def _pause(self, press: str) -> None:
         """Wait before a press while the operator or a monitor asks for it; nothing moves."""
-        told: set[str] = set()
+        noted: set[str] = set()
         since_s = time.monotonic()
         assert self._remaining is not None
         while True:
             by_monitor = self._streams.hindrances()
             reasons = ({"": PAUSED_BY_HAND} if self._pausing else {}) | (by_monitor or {})
-            for key in reasons.keys() - told:
+            for key in reasons.keys() - noted:
                 self._streams.notify("paused", f"before {press}: {reasons[key]}")
-            told |= reasons.keys()
+            noted |= reasons.keys()
             self._paused = "; ".join(reasons.values())
             if not reasons and by_monitor is not None:
                 break
             self._streams.stand()
         paused_s = time.monotonic() - since_s
         self._remaining.leave_out(paused_s)
-        if told:
+        if noted:
             self._streams.notify("continued", f"{press}, after {format_duration(paused_s)}")
 
     def _resume_at(self, steps: Sequence[Step], i: int) -> None:
