@@ -23,8 +23,16 @@ from deltact_fab.common import (
 from deltact_fab.paths import asset, shipped_folder
 
 from .schema import (
-    BY_NAME, FILE_KINDS, MANY_TABLES, ONE_TABLE, PATH_MARKS, FileKind, KeyRow, describe,
-    json_schema, rows,
+    BY_NAME,
+    FILE_KINDS,
+    MANY_TABLES,
+    ONE_TABLE,
+    PATH_MARKS,
+    FileKind,
+    KeyRow,
+    describe,
+    json_schema,
+    rows,
 )  # fmt: skip
 
 if TYPE_CHECKING:

@@ -155,8 +155,9 @@ class Schedule:
 
     def hindrances(self) -> dict[str, str] | None:
         """Reasons of monitors against a press, by name; None while a first reading is awaited."""
-        found = {m.table.name: text for m in self._d.monitors if (text := m.hindrance())}
-        return None if not found and any(m.awaited for m in self._d.monitors) else found
+        monitors = self._d.monitors
+        problems = {m.table.name: text for m in monitors if (text := m.hindrance())}
+        return None if not problems and any(m.awaited for m in monitors) else problems
 
     def stand(self) -> None:
         """Wait a moment in a pause; the rig's time does not pass in lockstep."""
