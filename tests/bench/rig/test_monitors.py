@@ -242,9 +242,9 @@ def test_pause_keeps_home_and_data(tmp_path: Path) -> None:
     assert set(acts.left_s) == {None}
 
 
-def reboot(bench: WallBench) -> None:
+def board_silent(bench: WallBench) -> None:
     with bench.board.terminal.lock:
-        bench.board.grbl.fault("reboot")
+        bench.board.grbl.fault("silence")
 
 
 @pytest.mark.slow
@@ -253,7 +253,7 @@ def reboot(bench: WallBench) -> None:
     [
         (lambda bench: os.kill(os.getpid(), signal.SIGINT), Stopped,
          "by the operator in sphere-6/p2/rest; the tip was lifted"),
-        (reboot, StageError, "restarted"),
+        (board_silent, StageError, "no answer"),
         (lambda bench: setattr(bench.server.faults, "frozen", True), SensorError,
          "the FT sequence stands"),
     ],
