@@ -31,7 +31,7 @@ from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
 from .journal import is_claimed, journal_errors, open_journal, read_press_rows, schema_faults
-from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
+from .streams import FORCE_COLUMNS, MONITOR_PREFIX, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
 if TYPE_CHECKING:
@@ -161,6 +161,29 @@ class Run:
         t_s is the time of the request. Times as in `force`.
         """
         return self._samples("pose", press)
+
+    def monitors(self, press: str | None = None) -> pd.DataFrame:
+        """Readings of the rig's monitors, one row each: monitor, unit, value.
+
+        Times as in `force`; before a press's tare, as in a pause before it, t_press_s is negative.
+        A simulated run, whose time does not pass meanwhile, has one reading per press.
+        """
+        import pandas as pd
+
+        tables = (self.meta.get("rig") or {}).get("monitor") or ()
+        units = {table["name"]: table["unit"] for table in tables}
+        parts = []
+        for stream in self.monitor_streams() or [MONITOR_PREFIX]:
+            name = stream.removeprefix(MONITOR_PREFIX)
+            rows = self._samples(stream, press)
+            parts.append(rows.assign(monitor=name, unit=units.get(name, "")))
+        return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+
+    def monitor_streams(self) -> list[str]:
+        """Names of the recorded streams of monitors."""
+        with self.reader() as db:
+            query = "SELECT DISTINCT stream FROM samples WHERE stream GLOB ? ORDER BY stream"
+            return [stream for (stream,) in db.execute(query, (f"{MONITOR_PREFIX}*",))]
 
     def events(self) -> pd.DataFrame:
         """Events of all sessions, one row each in order of writing.
@@ -399,7 +422,7 @@ class Run:
     def _samples(self, stream: str, press: str | None, *extra: str) -> pd.DataFrame:
         import pandas as pd
 
-        names = _STREAM_COLUMNS[stream]
+        names = _STREAM_COLUMNS.get(stream, ("value",))
         parts = [
             pd.DataFrame(
                 {
@@ -419,7 +442,7 @@ class Run:
 
     def damaged_samples(self, press: str) -> Iterator[str]:
         """Yield the first damaged chunk of a press in each stream."""
-        for stream in _STREAM_COLUMNS:
+        for stream in (*_STREAM_COLUMNS, *self.monitor_streams()):
             try:
                 for _ in self._chunks(stream, press):
                     pass

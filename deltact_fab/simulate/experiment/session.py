@@ -143,8 +143,9 @@ def run_presses(
     What a press gives depends on the seed and its name, not on what came before it; so presses can
     be carried out anywhere, in any order, and are those of the whole run but for the time of day.
     They are recorded into the job's folder. source: of the rig file, from which the paths in it
-    count. What a run is checked for is left to the caller. Returns the rig, closed, for what it has
-    to say of its gel. Raises InputError for a folder that is there, RunFailed.
+    count. What a run is checked for is left to the caller, and no monitor is read. Returns the rig,
+    closed, for what it has to say of its gel. Raises InputError for a folder that is there,
+    RunFailed.
     """
     from ..virtual.rig import VirtualKind
 
@@ -156,7 +157,7 @@ def run_presses(
             steps.append(step)
     if steps and steps[-1].kind == "change":
         steps.pop()
-    kind = VirtualKind(rig, source)
+    kind = VirtualKind(rig.model_copy(update={"monitor": None}), source)
     meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
     assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
