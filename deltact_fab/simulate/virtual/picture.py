@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import cv2
 import numpy as np
@@ -35,6 +35,8 @@ from deltact_fab.sensor import (
     nearest_surface,
 )
 
+from .population import NOMINAL_SENSOR, DrawnSensor
+
 # By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
 # is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
 NODES_MM = 1.0
@@ -47,12 +49,13 @@ MAX_NEWTON_STEP_PX = 8.0
 class RawView:
     """Raw pixels (h, w) of a lens on a flat view of the face, which is BAND_PX larger all round."""
 
-    def __init__(self, lens: Fisheye, view: Rectified) -> None:
+    def __init__(self, lens: Fisheye | Pinhole, view: Pinhole | Rectified) -> None:
         """lens: what is drawn through. view: what is tracked, of which the size counts."""
         self.lens = lens
         self.flat = Rectified(
-            lens, view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX
-        )
+            cast("Fisheye", lens),  # of which the flat view needs `crossing_mm` alone
+            view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX,
+        )  # fmt: skip
         # With a border of one pixel, so that a halved grid is interpolated at the edge too.
         columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)
         raw = np.stack(np.meshgrid(columns, rows), axis=-1).astype(float)
@@ -218,9 +221,10 @@ class FrameRenderer:
         print_: NDArray[np.float32],
         mm_per_texel: float,
         sensor: ImageSensor,
+        drawn: DrawnSensor = NOMINAL_SENSOR,
     ) -> None:
-        """print_: reflectance of the sticker, (h, w, 3) linear RGB, centred on the face."""
-        self.geometry = geometry
+        """print_: reflectance of the sticker, (h, w, 3) linear RGB, in its middle the face's."""
+        self.geometry, self._drawn = geometry, drawn
         self._print, self._mm_per_texel = print_, mm_per_texel
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
@@ -228,25 +232,32 @@ class FrameRenderer:
             grid, self._border = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
         else:
             grid, self._border = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
-        self._exposure = Exposure(sensor, grid)
+        self._exposure = Exposure(sensor, grid, drawn.light)
         if sensor.auto_exposure_grey:
             self._exposure.meter(self._radiance(geometry.material_px(None)))
 
     @classmethod
     def printed(
-        cls, geometry: PictureGeometry, simulator: SimulatorConfig, recipe: PatternRecipe, seed: int
+        cls,
+        geometry: PictureGeometry,
+        simulator: SimulatorConfig,
+        recipe: PatternRecipe,
+        seed: int,
+        drawn: DrawnSensor = NOMINAL_SENSOR,
     ) -> FrameRenderer:
         """Renderer of a pattern as the rig's printer made it, before the rig's camera.
 
         Where a sticker is smaller than the view the camera sees bare film beside it.
         """
-        printer, camera = simulator.printer, geometry.camera
+        printer, camera = drawn.printer(simulator.printer), geometry.camera
         view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
+        turn, (dx, dy) = math.radians(drawn.sticker_deg), drawn.sticker_mm
+        view_mm += abs(turn) * view_mm + 2 * max(abs(dx), abs(dy))
         side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
         albedo = pattern_albedo(recipe, printer.mm_per_dot, (side_px, side_px))
         rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
         print_ = print_colours(printer, albedo, rng)
-        return cls(geometry, print_, printer.mm_per_dot, simulator.camera)
+        return cls(geometry, print_, printer.mm_per_dot, simulator.camera, drawn)
 
     @staticmethod
     def noise(seed: int, stream: str) -> np.random.Generator:
@@ -254,19 +265,25 @@ class FrameRenderer:
         return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
 
     def render(
-        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
+        self,
+        displacement_mm: NDArray[np.float64] | None,
+        rng: np.random.Generator,
+        light_share: float = 1.0,
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
 
-        Raises SolverError where a pixel sees no point of the surface.
+        light_share: of the light at the start. Raises SolverError where a pixel sees no point of
+        the surface.
         """
-        return self.expose(self.geometry.material_px(displacement_mm), rng, displacement_mm)
+        at_px = self.geometry.material_px(displacement_mm)
+        return self.expose(at_px, rng, displacement_mm, light_share)
 
     def expose(
         self,
         at_px: NDArray[np.float32],
         rng: np.random.Generator,
         displacement_mm: NDArray[np.float64] | None = None,
+        light_share: float = 1.0,
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see.
 
@@ -276,7 +293,7 @@ class FrameRenderer:
         depth_mm: NDArray[np.float32] | None = None
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
-        return self._exposure.expose(radiance, rng, depth_mm)
+        return self._exposure.expose(radiance, rng, depth_mm, light_share)
 
     def _radiance(self, at_px: NDArray[np.float32]) -> NDArray[np.float32]:
         """Linear radiance (h, w, 3 RGB) of what the pixels see."""
@@ -287,12 +304,25 @@ class FrameRenderer:
         cx, cy = camera.centre_px
         texels = camera.mm_per_px / self._mm_per_texel
         h, w = self._print.shape[:2]
-        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
-        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
+        across = (fine[..., 0] - np.float32(cx)) * np.float32(texels)
+        down = (fine[..., 1] - np.float32(cy)) * np.float32(texels)
+        across, down = self._on_sticker(across, down)
+        map_x, map_y = across + np.float32((w - 1) / 2), down + np.float32((h - 1) / 2)
         albedo = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border)
         size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
         radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         return radiance if raw is None else raw.pad_to_raw(radiance)
+
+    def _on_sticker(
+        self, x: NDArray[np.float32], y: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Texels from the sticker's middle of points (h, w) in texels from the face's."""
+        (dx, dy), turn = self._drawn.sticker_mm, np.radians(self._drawn.sticker_deg)
+        if not (dx or dy or turn):
+            return x, y
+        x, y = x - np.float32(dx / self._mm_per_texel), y - np.float32(dy / self._mm_per_texel)
+        c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+        return c * x + s * y, c * y - s * x
 
 
 def _newton(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from deltact_fab.bench import (
     GrblStage,
@@ -21,7 +22,9 @@ from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions
 
 from .clock import VirtualClock
 from .controller import GrblController
+from .drift import Drift
 from .netft import LockstepLink, NetFTBox
+from .population import NOMINAL_SENSOR, DrawnSensor
 from .presses import Presses, gel_not_built, gel_notes, simulation_refusals
 from .scene import GelScene, LatticeCrop
 from .wire import SerialLink
@@ -39,51 +42,81 @@ class VirtualKind(RigKind):
     part = "simulated gel"
     _config: VirtualConfig
 
+    def __init__(self, config: VirtualConfig, source: Path, number: int | None = None) -> None:
+        """number: of the sensor that is drawn from the rig's population; None: the nominal one."""
+        super().__init__(config, source)
+        self._drawn = DrawnSensor.draw(config, number, str(source))
+
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
-        return simulation_refusals(protocol, sensor, self._config.virtual.gel, source)
+        gel, drawn = self._config.virtual.gel, self._drawn
+        lines = simulation_refusals(protocol, sensor, gel, source)
+        if drawn.number is not None and not lines:
+            source = f"{source}: sensor {drawn.number} of [virtual.population]"
+            sensor = SensorDimensions(drawn.skin(sensor.skin))
+            lines = simulation_refusals(drawn.protocol(protocol), sensor, gel, source)
+        return lines
 
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
         """The design's pinhole, or the view through the lens; that only where images are taken."""
-        if self._config.virtual.lens is None:
-            return Pinhole.from_sensor(sensor)
-        if "image" not in protocol.channels:
-            return None
-        from .lens import tracked_view
+        view: Pinhole | Rectified = Pinhole.from_sensor(sensor)
+        if self._config.virtual.lens is not None:
+            if "image" not in protocol.channels:
+                return None
+            from .lens import tracked_view
 
-        return tracked_view(self._config, sensor, self._source)
+            view = tracked_view(self._config, sensor, self._source)
+        if self._drawn.number is not None:
+            from .lens import true_camera
+
+            true_camera(self._config, sensor, view, self._drawn)  # refused before the run begins
+        return view
+
+    def truth(self, protocol: Protocol, sensor: SensorDimensions) -> dict[str, Any] | None:
+        """The drawn sensor and the drift, of a rig that has either."""
+        simulator = self._config.virtual
+        if simulator.population is None and simulator.drift is None:
+            return None
+        drift = None if simulator.drift is None else simulator.drift.model_dump()
+        return {**self._drawn.truth(protocol, sensor.skin), "drift": drift}
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job)
+        return VirtualRig(self._config, job, self._drawn)
 
 
 class VirtualForce(NetFTSensor):
     """The real client on the simulated box; each press restarts its noise."""
 
-    def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
-        """scene: told of a new press when no camera does that."""
+    def __init__(
+        self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None, drift: Drift | None = None
+    ) -> None:
+        """scene: told of a new press when no camera does that. drift: of a press from its start."""
         super().__init__(LockstepLink(box), clock)
-        self._box = box
-        self._scene = scene
+        self._box, self._scene, self._drift = box, scene, drift
 
     def begin(self, stream: str) -> None:
         """Re-seed, then tare as the real client does."""
         self._box.reseed(stream)
         if self._scene is not None:
             self._scene.begin()
+        if self._drift is not None:
+            self._drift.begin(stream)
         super().begin(stream)
 
 
 class VirtualRig(Rig):
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(self, config: VirtualConfig, job: RigSetup) -> None:
-        self._job = job
-        self._config = config
+    def __init__(
+        self, config: VirtualConfig, job: RigSetup, drawn: DrawnSensor = NOMINAL_SENSOR
+    ) -> None:
+        """drawn: the true sensor; that of the job is nominal."""
+        self._job, self._config, self._drawn = job, config, drawn
         stage, simulator, clock = config.stage, config.virtual, VirtualClock()
         controller = GrblController.for_stage(stage, clock)
-        self.presses = presses = Presses(job.protocol, job.sensor.skin, simulator.gel)
+        protocol, skin = drawn.protocol(job.protocol), drawn.skin(job.sensor.skin)
+        self.presses = presses = Presses(protocol, skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
             from .drawing import crop_lattice
@@ -95,6 +128,9 @@ class VirtualRig(Rig):
         )  # fmt: skip
         host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
+        drift: Drift | None = None
+        if simulator.drift is not None:
+            drift = Drift(config, job, clock, self.scene.depth_mm)
         with ExitStack() as resources:
             resources.callback(host.close)
             camera: VirtualCamera | None = None
@@ -103,16 +139,16 @@ class VirtualRig(Rig):
 
                 picture, lens = self._picture(self._crop)
                 camera = VirtualCamera(
-                    picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder
-                )
+                    picture, clock, job.seed, self.scene, self._crop.lattice, lens, job.folder,
+                    drift,
+                )  # fmt: skip
                 resources.callback(camera.close)
             force: VirtualForce | None = None
             if "force" in job.protocol.channels:
                 scene = self.scene if self._crop is None else None
-                box = NetFTBox(
-                    config.force, clock, job.seed, self.scene.wrenches, simulator.force.noise_n
-                )
-                force = VirtualForce(box, clock, scene)
+                wrenches = self.scene.wrenches if drift is None else drift.felt(self.scene.wrenches)
+                box = NetFTBox(config.force, clock, job.seed, wrenches, simulator.force.noise_n)
+                force = VirtualForce(box, clock, scene, drift)
                 resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = resources.pop_all()
@@ -141,21 +177,23 @@ class VirtualRig(Rig):
         if not job.air and self.presses.observed:
             yield from gel_notes(self.presses, self._choices, job.sensor.skin)
 
-    def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | None]:
-        """Return the renderer of the printed gel and its true lens; None: a pinhole."""
+    def _picture(self, crop: LatticeCrop) -> tuple[FrameRenderer, Fisheye | Pinhole | None]:
+        """Return the renderer of the printed gel and its true camera; None: the recorded one."""
         from deltact_fab.fabricate import PatternRecipe
 
         from .drawing import picture_geometry
         from .picture import FrameRenderer
 
-        config, job = self._config, self._job
+        config, job, drawn = self._config, self._job, self._drawn
         assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
         assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
-        geometry, lens = picture_geometry(config, job.sensor, job.view, crop.lattice)
-        return FrameRenderer.printed(geometry, config.virtual, job.recipe, job.seed), lens
+        geometry, lens = picture_geometry(config, job.sensor, job.view, crop.lattice, drawn)
+        return FrameRenderer.printed(geometry, config.virtual, job.recipe, job.seed, drawn), lens
 
     @cached_property
     def _choices(self) -> list[Choice]:
-        """Mesh and friction of every press that is observed."""
-        paths = self.presses.paths if self.presses.observed else ()
-        return [self.presses.choice(path) for path in paths]
+        """Mesh and friction of every press that is observed, of the nominal gel: for the record."""
+        presses, job = self.presses, self._job
+        if self._drawn.number is not None:
+            presses = Presses(job.protocol, job.sensor.skin, self._config.virtual.gel)
+        return [presses.choice(path) for path in presses.paths if presses.observed]

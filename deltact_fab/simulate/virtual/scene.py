@@ -172,6 +172,10 @@ class GelScene:
             return self._observe_rest(now_ns)
         return self._between_knots(self._segment_of(segment), segment, now_ns)
 
+    def depth_mm(self, t_ns: int) -> float:
+        """Depth of the tip below the resting face at a time that has come."""
+        return -self.frame.to_sensor_mm(self.controller.position_mm(t_ns / NS_PER_S))[2]
+
     def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), ascending.
 
