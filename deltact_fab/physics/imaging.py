@@ -65,13 +65,13 @@ class Exposure:
     """Conversion of light to bytes, for one camera and its pixels' viewing positions.
 
     position: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
-    brightness: of the light, as a share of the design's.
     """
 
-    def __init__(
-        self, sensor: ImageSensor, position: NDArray[np.float32], brightness: float = 1.0
-    ) -> None:
-        self._sensor, self._brightness = sensor, brightness
+    brightness = 1.0
+    """Light at present, as a share of the design's."""
+
+    def __init__(self, sensor: ImageSensor, position: NDArray[np.float32]) -> None:
+        self._sensor = sensor
         square = np.minimum(np.sum(position**2, axis=-1)[..., None], _FAR_SQUARED)
         light = np.maximum(1 - sensor.shading * square, 0)
         self._outward = np.minimum(square, 1).astype(np.float32)
@@ -88,7 +88,6 @@ class Exposure:
         """Set the exposure so that the mean of this picture is `auto_exposure_grey`."""
         sensor = self._sensor
         light = 0.9 * self._on_chip(radiance)[::_METER_STRIDE, ::_METER_STRIDE]
-        light *= np.float32(self._brightness)
         for _ in range(_METER_STEPS):
             grey = 255 * np.mean(np.clip(self._gain * light, 0, 1) ** (1 / sensor.gamma))
             gain = self._gain * (sensor.auto_exposure_grey / max(grey, 1.0)) ** sensor.gamma
@@ -99,18 +98,16 @@ class Exposure:
         radiance: NDArray[np.float32],
         rng: np.random.Generator,
         depth_mm: NDArray[np.float32] | None = None,
-        light_share: float = 1.0,
     ) -> NDArray[np.uint8]:
         """Convert linear radiance (h, w, 3 RGB, 0..1) to the BGR image of the driver.
 
         depth_mm: (h, w) of the face below rest, for `contact_glow_per_mm`; None at rest.
-        light_share: of the light that was metered.
         """
         sensor = self._sensor
         if sensor.contact_glow_per_mm and depth_mm is not None:
             glow = 1 + np.float32(sensor.contact_glow_per_mm) * np.maximum(depth_mm, 0)
             radiance = radiance * glow[..., None]
-        light = self._on_chip(radiance) * np.float32(self._brightness * light_share)
+        light = self._on_chip(radiance)
         if not sensor.mosaic:
             return self._delivered(self._digitised(np.ascontiguousarray(light[..., ::-1]), rng))
         raw = light[..., 1].copy()  # BGGR mosaic
@@ -124,7 +121,7 @@ class Exposure:
         if sensor.corner_blur_px > sensor.blur_px:
             outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
             light = light + (outer - light) * self._outward
-        return np.asarray(light * self._light + self._highlight)
+        return np.asarray((light * self._light + self._highlight) * np.float32(self.brightness))
 
     def _digitised(self, raw: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         sensor = self._sensor

@@ -37,9 +37,8 @@ def require_same_conditions(
             f"{run.folder}: cannot be resumed: format {run.format} is of an older version, for "
             "reading only"
         )
-    current = json.loads(
-        json_bytes({**meta, "pattern": pattern, "--sensor": (truth or {}).get("number")})
-    )
+    number = None if truth is None else truth["number"]
+    current = json.loads(json_bytes({**meta, "pattern": pattern, "--sensor": number}))
     stored = {**run.meta, "pattern": run.pattern}
     if has_file(run.folder, SENSOR_FILE):
         stored["--sensor"] = read_record(run.folder, SENSOR_FILE).get("number")

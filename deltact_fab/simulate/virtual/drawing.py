@@ -24,13 +24,15 @@ FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far 
 
 
 def crop_lattice(
-    config: VirtualConfig, sensor: SensorDimensions, axes_mm: tuple[Field, Field]
+    config: VirtualConfig,
+    sensor: SensorDimensions,
+    axes_mm: tuple[Field, Field],
+    drawn: DrawnSensor = NOMINAL_SENSOR,
 ) -> LatticeCrop:
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    simulator = config.virtual
-    wider = simulator.lens is not None or simulator.population is not None
+    wider = config.virtual.lens is not None or drawn.number is not None
     margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if wider else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
@@ -90,10 +92,10 @@ class VirtualCamera:
         assert self._stream is not None, "begin() comes before the first frame"
         observation = self.scene.observe()
         self._frames.append((observation.a.key, observation.b.key, observation.fraction))
-        light_share = 1.0 if self.drift is None else self.drift.light()
-        displacement_mm = observation.displacement_mm()
+        if self.drift is not None:
+            self.picture.set_light(self.drift.light())
         return CameraFrame(
-            self.picture.render(displacement_mm, self._rng, light_share), self.clock.now_s()
+            self.picture.render(observation.displacement_mm(), self._rng), self.clock.now_s()
         )
 
     def end(self, frames: Mapping[str, float]) -> None:

@@ -232,7 +232,8 @@ class FrameRenderer:
             grid, self._border = view_grid(camera.height_px, camera.width_px), cv2.BORDER_REPLICATE
         else:
             grid, self._border = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
-        self._exposure = Exposure(sensor, grid, drawn.light)
+        self._exposure = Exposure(sensor, grid)
+        self.set_light(1.0)
         if sensor.auto_exposure_grey:
             self._exposure.meter(self._radiance(geometry.material_px(None)))
 
@@ -264,26 +265,24 @@ class FrameRenderer:
         """The camera's noise in one press, by its name, apart from all others."""
         return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
 
+    def set_light(self, share: float) -> None:
+        """Set the light, as a share of that of this sensor when new."""
+        self._exposure.brightness = share * self._drawn.light
+
     def render(
-        self,
-        displacement_mm: NDArray[np.float64] | None,
-        rng: np.random.Generator,
-        light_share: float = 1.0,
+        self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of a surface displacement (ny, nx, 3) on the lattice, None at rest.
 
-        light_share: of the light at the start. Raises SolverError where a pixel sees no point of
-        the surface.
+        Raises SolverError where a pixel sees no point of the surface.
         """
-        at_px = self.geometry.material_px(displacement_mm)
-        return self.expose(at_px, rng, displacement_mm, light_share)
+        return self.expose(self.geometry.material_px(displacement_mm), rng, displacement_mm)
 
     def expose(
         self,
         at_px: NDArray[np.float32],
         rng: np.random.Generator,
         displacement_mm: NDArray[np.float64] | None = None,
-        light_share: float = 1.0,
     ) -> NDArray[np.uint8]:
         """Image (h, w, 3) BGR of what the geometry's `material_px` says that the pixels see.
 
@@ -293,7 +292,7 @@ class FrameRenderer:
         depth_mm: NDArray[np.float32] | None = None
         if self._glows and displacement_mm is not None:
             depth_mm = self.geometry.depth_mm(displacement_mm, at_px)
-        return self._exposure.expose(radiance, rng, depth_mm, light_share)
+        return self._exposure.expose(radiance, rng, depth_mm)
 
     def _radiance(self, at_px: NDArray[np.float32]) -> NDArray[np.float32]:
         """Linear radiance (h, w, 3 RGB) of what the pixels see."""
@@ -306,23 +305,17 @@ class FrameRenderer:
         h, w = self._print.shape[:2]
         across = (fine[..., 0] - np.float32(cx)) * np.float32(texels)
         down = (fine[..., 1] - np.float32(cy)) * np.float32(texels)
-        across, down = self._on_sticker(across, down)
+        (dx, dy), turn = self._drawn.sticker_mm, math.radians(self._drawn.sticker_deg)
+        if dx or dy or turn:
+            across -= np.float32(dx / self._mm_per_texel)
+            down -= np.float32(dy / self._mm_per_texel)
+            c, s = np.float32(math.cos(turn)), np.float32(math.sin(turn))
+            across, down = c * across + s * down, c * down - s * across
         map_x, map_y = across + np.float32((w - 1) / 2), down + np.float32((h - 1) / 2)
         albedo = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border)
         size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
         radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)
         return radiance if raw is None else raw.pad_to_raw(radiance)
-
-    def _on_sticker(
-        self, x: NDArray[np.float32], y: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Texels from the sticker's middle of points (h, w) in texels from the face's."""
-        (dx, dy), turn = self._drawn.sticker_mm, np.radians(self._drawn.sticker_deg)
-        if not (dx or dy or turn):
-            return x, y
-        x, y = x - np.float32(dx / self._mm_per_texel), y - np.float32(dy / self._mm_per_texel)
-        c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-        return c * x + s * y, c * y - s * x
 
 
 def _newton(

@@ -51,9 +51,7 @@ class DrawnSensor:
         if number is None:
             return cls()
         if population is None:
-            raise InputError(
-                f"--sensor: {number}; {source} has no [virtual.population] to draw from"
-            )
+            raise InputError(f"--sensor: {number}; {source} has no [virtual.population]")
         values: dict[str, Any] = {}
         for key, deviation in population.model_dump().items():
             # A stream per key: another key more changes no value.
@@ -66,13 +64,10 @@ class DrawnSensor:
 
     def truth(self, protocol: Protocol, skin: SkinDimensions) -> dict[str, Any]:
         """Return the deviations, and the gel that results from them, as plain data."""
-        specimen, made = self.protocol(protocol).specimen, self.skin(skin)
-        gel = {"modulus_mpa": specimen.modulus_mpa, "poisson": specimen.poisson}
-        return {
-            "number": self.number,
-            "deviations": {k: v for k, v in asdict(self).items() if k != "number"},
-            "gel": {**gel, "thickness_mm": made.thickness_mm},
-        }
+        gel = self.protocol(protocol).specimen.model_dump(include={"modulus_mpa", "poisson"})
+        gel["thickness_mm"] = self.skin(skin).thickness_mm
+        deviations = asdict(self)
+        return {"number": deviations.pop("number"), "deviations": deviations, "gel": gel}
 
     def protocol(self, protocol: Protocol) -> Protocol:
         """Return the protocol with the gel of this sensor."""

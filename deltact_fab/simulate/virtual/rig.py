@@ -8,6 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from deltact_fab.bench import (
     GrblStage,
     NetFTSensor,
@@ -66,7 +69,7 @@ class VirtualKind(RigKind):
             from .lens import tracked_view
 
             view = tracked_view(self._config, sensor, self._source)
-        if self._drawn.number is not None:
+        if self._drawn.number is not None and "image" in protocol.channels:
             from .lens import true_camera
 
             true_camera(self._config, sensor, view, self._drawn)  # refused before the run begins
@@ -121,16 +124,15 @@ class VirtualRig(Rig):
         if "image" in job.protocol.channels:
             from .drawing import crop_lattice
 
-            self._crop = crop_lattice(config, job.sensor, presses.axes_mm())
+            self._crop = crop_lattice(config, job.sensor, presses.axes_mm(), drawn)
         self.scene = GelScene(
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
         )  # fmt: skip
         host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
-        drift: Drift | None = None
-        if simulator.drift is not None:
-            drift = Drift(config, job, clock, self.scene.depth_mm)
+        drifts = simulator.drift is not None
+        self._drift = drift = Drift(config, job, clock, self.scene.depth_mm) if drifts else None
         with ExitStack() as resources:
             resources.callback(host.close)
             camera: VirtualCamera | None = None
@@ -146,12 +148,18 @@ class VirtualRig(Rig):
             force: VirtualForce | None = None
             if "force" in job.protocol.channels:
                 scene = self.scene if self._crop is None else None
-                wrenches = self.scene.wrenches if drift is None else drift.felt(self.scene.wrenches)
-                box = NetFTBox(config.force, clock, job.seed, wrenches, simulator.force.noise_n)
+                box = NetFTBox(
+                    config.force, clock, job.seed, self._wrenches, simulator.force.noise_n
+                )
                 force = VirtualForce(box, clock, scene, drift)
                 resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = resources.pop_all()
+
+    def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Wrenches (n, 6) at times (n,) as the force sensor measures them, without its noise."""
+        true = self.scene.wrenches(t_ns)
+        return true if self._drift is None else self._drift.felt(t_ns, true)
 
     def omissions(self) -> Iterator[Note]:
         """Notes on the parts that this scene does not need and did not build."""
