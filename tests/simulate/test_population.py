@@ -23,7 +23,7 @@ from deltact_fab.sensor.optics.camera import MovedPinhole, Pinhole
 from deltact_fab.sensor.optics.fisheye import Fisheye
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment, run_presses
-from deltact_fab.simulate.virtual.population import DrawnSensor
+from deltact_fab.simulate.virtual.population import SensorDraw
 
 POPULATION = """
 [virtual.population]
@@ -125,7 +125,7 @@ def test_true_camera_projects_the_truth(drawn: dict[str, Path], tmp_path: Path) 
 
 def test_moved_pinhole_turns_like_a_lens() -> None:
     view = Pinhole(0.04, 160, 120, 14.0)
-    moved = view.moved((0.3, -0.2), 0.5, 0.1, 2.0)
+    moved = view.with_pose((0.3, -0.2), 0.5, 0.1, 2.0)
     assert isinstance(moved, MovedPinhole)
     px = np.array([[0.0, 0.0], [100.0, 30.0], [159.0, 119.0]])
     assert np.allclose(moved.rest_px(moved.rest_mm(px)), px)
@@ -142,14 +142,16 @@ def test_moved_pinhole_turns_like_a_lens() -> None:
 def test_keys_are_drawn_apart(tmp_path: Path) -> None:
     """Another key changes no value; Poisson's ratio stays within the level's limit."""
     tables = dict(line.split(" = ") for line in POPULATION.split("\n") if " = " in line)
-    whole = DrawnSensor.draw(rig_of(Sensors(tmp_path, POPULATION)), 7, "rig")
+    whole = SensorDraw.from_population(rig_of(Sensors(tmp_path, POPULATION)), 7, "rig")
     for key, value in tables.items():
         alone = Sensors(tmp_path, f"[virtual.population]\n{key} = {value}\n")
-        draw = DrawnSensor.draw(rig_of(alone), 7, "rig")
-        assert getattr(draw, key) == getattr(whole, key) != getattr(DrawnSensor(), key)
+        draw = SensorDraw.from_population(rig_of(alone), 7, "rig")
+        assert getattr(draw, key) == getattr(whole, key) != getattr(SensorDraw(), key)
     wide = rig_of(Sensors(tmp_path, "[virtual.population]\npoisson = 0.1\n"))
     protocol = RunRequest(str(alone.protocol), str(alone.rig)).protocol
-    gels = [DrawnSensor.draw(wide, n, "rig").protocol(protocol).specimen for n in range(9)]
+    gels = [
+        SensorDraw.from_population(wide, n, "rig").protocol(protocol).specimen for n in range(9)
+    ]
     assert max(gel.poisson for gel in gels) == poisson_limit("linear")
 
 

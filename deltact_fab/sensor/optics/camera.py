@@ -158,7 +158,7 @@ class Pinhole(ScaledView):
         """Point of the face on the axis."""
         return 0.0, 0.0
 
-    def moved(self, at_mm: Point2, height_mm: float, gel_mm: float, roll_deg: float) -> Pinhole:
+    def with_pose(self, at_mm: Point2, height_mm: float, gel_mm: float, roll_deg: float) -> Pinhole:
         """Return this camera moved in its plane and turned about its axis.
 
         height_mm, gel_mm: air and gel that are added between it and the face.
@@ -180,13 +180,13 @@ class MovedPinhole(Pinhole):
     roll_deg: float = 0.0
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
-        return self._rolled(super().project_px(xyz_mm - (*self._foot_mm, 0.0), medium), 1)
+        return self._roll(super().project_px(xyz_mm - (*self._foot_mm, 0.0), medium), 1)
 
     def rest_px(self, xy_mm: Array) -> Array:
-        return self._rolled(super().rest_px(xy_mm - self._foot_mm), 1)
+        return self._roll(super().rest_px(xy_mm - self._foot_mm), 1)
 
     def rest_mm(self, px: Array) -> Array:
-        return super().rest_mm(self._rolled(px, -1)) + self._foot_mm
+        return super().rest_mm(self._roll(px, -1)) + self._foot_mm
 
     def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Intersections (..., 2) mm of the rays to points (..., 3) with the resting face."""
@@ -199,7 +199,7 @@ class MovedPinhole(Pinhole):
     def _foot_mm(self) -> Point2:
         return self.x0_mm, self.y0_mm
 
-    def _rolled(self, px: Array, sign: int) -> Array:
+    def _roll(self, px: Array, sign: int) -> Array:
         """Image points (..., 2) rotated about the image's centre; sign: 1, or -1 for back."""
         c, s = np.cos(np.radians(self.roll_deg)), sign * np.sin(np.radians(self.roll_deg))
         centre = np.asarray(self.centre_px)

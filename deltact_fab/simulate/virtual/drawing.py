@@ -17,7 +17,7 @@ from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, Su
 
 from .drift import Drift
 from .picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
-from .population import NOMINAL_SENSOR, DrawnSensor
+from .population import NOMINAL_SENSOR, SensorDraw
 from .scene import GelScene, LatticeCrop
 
 FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
@@ -27,12 +27,12 @@ def crop_lattice(
     config: VirtualConfig,
     sensor: SensorDimensions,
     axes_mm: tuple[Field, Field],
-    drawn: DrawnSensor = NOMINAL_SENSOR,
+    draw: SensorDraw = NOMINAL_SENSOR,
 ) -> LatticeCrop:
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    wider = config.virtual.lens is not None or drawn.number is not None
+    wider = config.virtual.lens is not None or draw.number is not None
     margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if wider else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
@@ -43,17 +43,17 @@ def picture_geometry(
     sensor: SensorDimensions,
     view: Pinhole | Rectified,
     lattice: SurfaceLattice,
-    drawn: DrawnSensor = NOMINAL_SENSOR,
+    draw: SensorDraw = NOMINAL_SENSOR,
 ) -> tuple[PictureGeometry, Fisheye | Pinhole | None]:
     """The geometry of the rig's picture, and its true camera; None: the view itself.
 
     view: of the images that are tracked.
     """
-    if drawn.number is None and not isinstance(view, Rectified):
+    if draw.number is None and not isinstance(view, Rectified):
         return PictureGeometry(view, lattice), None
     from .lens import true_camera
 
-    lens = true_camera(config, sensor, view, drawn)
+    lens = true_camera(config, sensor, view, draw)
     return PictureGeometry(view if lens is None else RawView(lens, view), lattice), lens
 
 

@@ -18,8 +18,7 @@ from deltact_fab.sensor import parse_indenter
 
 from .clock import NS_PER_S, VirtualClock
 
-S_PER_H = 3600.0
-TOUCH_MM = 1e-9  # by hand: depth of a tip that touches nothing, and has no force
+MIN_TIP_DEPTH_MM = 1e-9  # by hand: depth of a tip that touches nothing, and has no force
 
 
 class Drift:
@@ -62,21 +61,21 @@ class Drift:
         half_mm = max(parse_indenter(step.indenter).footprint_half_mm)
         away_mm = max(math.dist(rest.target_mm[:2], last[0][0].target_mm[:2]), half_mm)
         depth_mm = max(-step.target_mm[2] for step, _ in last)
-        beside = 2 / math.pi * math.asin(half_mm / away_mm)
-        self._dent_mm = self._config.residual * depth_mm * beside
+        share = 2 / math.pi * math.asin(half_mm / away_mm)
+        self._dent_mm = self._config.residual * depth_mm * share
 
     def light(self) -> float:
         """Light now, as a share of that at the start of the run."""
         time_s = self._planned_s(self._clock.now_ns())
-        return max(1.0 + self._config.light_per_h * time_s / S_PER_H, 0.0)
+        return max(1.0 + self._config.light_per_h * time_s / 3600, 0.0)
 
-    def felt(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
+    def apply(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
         """Return the true wrenches (n, 6) at times (n,) as the force sensor measures them."""
         time_s = np.array([self._planned_s(t) for t in t_ns.tolist()])
-        gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / S_PER_H, 0.0)
+        gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / 3600, 0.0)
         if self._dent_mm:
             left_mm = self._dent_mm * np.exp((self._dent_s - time_s) / self._config.recovery_s)
-            depth_mm = np.array([max(self._depth_mm(t), TOUCH_MM) for t in t_ns.tolist()])
+            depth_mm = np.array([max(self._depth_mm(t), MIN_TIP_DEPTH_MM) for t in t_ns.tolist()])
             gain = gain * np.clip(1.0 - left_mm / depth_mm, 0.0, 1.0)
         return np.asarray(gain[:, None] * wrenches)
 

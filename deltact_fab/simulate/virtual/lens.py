@@ -17,7 +17,7 @@ from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, restore_camera
 
 from .picture import BAND_PX
-from .population import NOMINAL_SENSOR, DrawnSensor
+from .population import NOMINAL_SENSOR, SensorDraw
 
 ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """Largest deviation of a sensor put together by hand; a larger one is another sensor's."""
@@ -54,18 +54,19 @@ def true_camera(
     config: VirtualConfig,
     sensor: SensorDimensions,
     view: Pinhole | Rectified,
-    drawn: DrawnSensor = NOMINAL_SENSOR,
+    draw: SensorDraw = NOMINAL_SENSOR,
 ) -> Fisheye | Pinhole | None:
     """Camera that a drawn sensor is rendered through; None: the view itself.
 
     Raises InputError for one of another sensor, or so far off that the view is not in its picture.
     """
     if isinstance(view, Rectified):
-        camera = drawn.camera(None, true_lens(config, sensor))
+        camera = draw.camera(None, true_lens(config, sensor))
     else:
-        camera = drawn.camera(view, None)
-    if camera is not None and drawn.number is not None:
-        _require_drawn(camera, view, f"virtual.population: sensor {drawn.number}")
+        camera = draw.camera(view, None)
+    if camera is not None and draw.number is not None:
+        source, remedy = f"virtual.population: sensor {draw.number}", "lower its camera's keys"
+        _require_drawn(camera, view, source, remedy)
     return camera
 
 
@@ -91,7 +92,12 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     return view
 
 
-def _require_drawn(true: Fisheye | Pinhole, view: Pinhole | Rectified, source: str) -> None:
+def _require_drawn(
+    true: Fisheye | Pinhole,
+    view: Pinhole | Rectified,
+    source: str,
+    remedy: str = "calibrate this rig's own camera",
+) -> None:
     """Refuse a view of which the border is not in the drawn picture."""
     lens = view.lens if isinstance(view, Rectified) else view
     if (true.width_px, true.height_px) != (lens.width_px, lens.height_px):
@@ -113,9 +119,8 @@ def _require_drawn(true: Fisheye | Pinhole, view: Pinhole | Rectified, source: s
     most_mm = BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
-            f"{source}: the view's border is up to {off_mm:.2g} mm off that of the true camera, "
-            f"and only {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera, or "
-            "lower its spread in [virtual.population]"
+            f"{source}: the view's border is up to {off_mm:.2g} mm off that of [virtual.lens], and "
+            f"only {most_mm:.2g} mm beyond it are drawn; {remedy}"
         )
 
 

@@ -35,7 +35,7 @@ from deltact_fab.sensor import (
     nearest_surface,
 )
 
-from .population import NOMINAL_SENSOR, DrawnSensor
+from .population import NOMINAL_SENSOR, SensorDraw
 
 # By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
 # is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
@@ -221,10 +221,10 @@ class FrameRenderer:
         print_: NDArray[np.float32],
         mm_per_texel: float,
         sensor: ImageSensor,
-        drawn: DrawnSensor = NOMINAL_SENSOR,
+        draw: SensorDraw = NOMINAL_SENSOR,
     ) -> None:
         """print_: reflectance of the sticker, (h, w, 3) linear RGB, in its middle the face's."""
-        self.geometry, self._drawn = geometry, drawn
+        self.geometry, self._draw = geometry, draw
         self._print, self._mm_per_texel = print_, mm_per_texel
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
@@ -244,21 +244,21 @@ class FrameRenderer:
         simulator: SimulatorConfig,
         recipe: PatternRecipe,
         seed: int,
-        drawn: DrawnSensor = NOMINAL_SENSOR,
+        draw: SensorDraw = NOMINAL_SENSOR,
     ) -> FrameRenderer:
         """Renderer of a pattern as the rig's printer made it, before the rig's camera.
 
         Where a sticker is smaller than the view the camera sees bare film beside it.
         """
-        printer, camera = drawn.printer(simulator.printer), geometry.camera
+        printer, camera = draw.printer(simulator.printer), geometry.camera
         view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
-        turn, (dx, dy) = math.radians(drawn.sticker_deg), drawn.sticker_mm
+        turn, (dx, dy) = math.radians(draw.sticker_deg), draw.sticker_mm
         view_mm += abs(turn) * view_mm + 2 * max(abs(dx), abs(dy))
         side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
         albedo = pattern_albedo(recipe, printer.mm_per_dot, (side_px, side_px))
         rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
         print_ = print_colours(printer, albedo, rng)
-        return cls(geometry, print_, printer.mm_per_dot, simulator.camera, drawn)
+        return cls(geometry, print_, printer.mm_per_dot, simulator.camera, draw)
 
     @staticmethod
     def noise(seed: int, stream: str) -> np.random.Generator:
@@ -267,7 +267,7 @@ class FrameRenderer:
 
     def set_light(self, share: float) -> None:
         """Set the light, as a share of that of this sensor when new."""
-        self._exposure.brightness = share * self._drawn.light
+        self._exposure.brightness = share * self._draw.light
 
     def render(
         self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
@@ -305,7 +305,7 @@ class FrameRenderer:
         h, w = self._print.shape[:2]
         across = (fine[..., 0] - np.float32(cx)) * np.float32(texels)
         down = (fine[..., 1] - np.float32(cy)) * np.float32(texels)
-        (dx, dy), turn = self._drawn.sticker_mm, math.radians(self._drawn.sticker_deg)
+        (dx, dy), turn = self._draw.sticker_mm, math.radians(self._draw.sticker_deg)
         if dx or dy or turn:
             across -= np.float32(dx / self._mm_per_texel)
             down -= np.float32(dy / self._mm_per_texel)

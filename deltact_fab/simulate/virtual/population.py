@@ -18,11 +18,10 @@ from deltact_fab.physics import poisson_limit
 from deltact_fab.sensor import Fisheye, Pinhole, Printer, SkinDimensions
 
 MAX_DEVIATIONS = 3.0  # by hand: a sensor further off is not accepted
-MAX_SPREAD_UM = 500.0  # as of `Printer.spread_um`
 
 
 @dataclass(frozen=True)
-class DrawnSensor:
+class SensorDraw:
     """Deviations of a sensor from its design, by the keys of `[virtual.population]`.
 
     modulus, light: factors. The camera's tilt is about x, then about y.
@@ -42,7 +41,7 @@ class DrawnSensor:
     camera_tilt_deg: Point2 = (0.0, 0.0)
 
     @classmethod
-    def draw(cls, config: VirtualConfig, number: int | None, source: str) -> DrawnSensor:
+    def from_population(cls, config: VirtualConfig, number: int | None, source: str) -> SensorDraw:
         """Draw a sensor of a rig; None: the nominal one. The number alone decides its deviations.
 
         source: of the rig file. Raises InputError without a population.
@@ -86,7 +85,7 @@ class DrawnSensor:
 
     def printer(self, printer: Printer) -> Printer:
         """Return the printer that made this sensor's sticker."""
-        spread_um = min(max(printer.spread_um + self.spread_um, 0.0), MAX_SPREAD_UM)
+        spread_um = max(printer.spread_um + self.spread_um, 0.0)
         return replace(printer, spread_um=spread_um)
 
     def camera(self, view: Pinhole | None, lens: Fisheye | None) -> Fisheye | Pinhole | None:
@@ -95,19 +94,19 @@ class DrawnSensor:
         Raises InputError for a camera that cannot be.
         """
         (x, y), (tilt_x, tilt_y), roll = self.camera_mm, self.camera_tilt_deg, self.camera_roll_deg
-        added = self.camera_height_mm, self.thickness_mm
-        if not any((x, y, tilt_x, tilt_y, roll, *added)):
+        gaps_mm = self.camera_height_mm, self.thickness_mm
+        if not any((x, y, tilt_x, tilt_y, roll, *gaps_mm)):
             return lens
         try:
             if lens is None:
-                return None if view is None else view.moved((x, y), *added, roll)
+                return None if view is None else view.with_pose((x, y), *gaps_mm, roll)
             return replace(
                 lens, x0_mm=lens.x0_mm + x, y0_mm=lens.y0_mm + y, roll_deg=lens.roll_deg + roll,
                 tilt_x_deg=lens.tilt_x_deg + tilt_x, tilt_y_deg=lens.tilt_y_deg + tilt_y,
-                air_gap_mm=lens.air_gap_mm + added[0], gel_mm=lens.gel_mm + added[1],
+                air_gap_mm=lens.air_gap_mm + gaps_mm[0], gel_mm=lens.gel_mm + gaps_mm[1],
             )  # fmt: skip
         except ValueError as error:
             raise InputError(f"virtual.population: sensor {self.number}: {error}") from error
 
 
-NOMINAL_SENSOR = DrawnSensor()
+NOMINAL_SENSOR = SensorDraw()

@@ -27,7 +27,7 @@ from .clock import VirtualClock
 from .controller import GrblController
 from .drift import Drift
 from .netft import LockstepLink, NetFTBox
-from .population import NOMINAL_SENSOR, DrawnSensor
+from .population import NOMINAL_SENSOR, SensorDraw
 from .presses import Presses, gel_not_built, gel_notes, simulation_refusals
 from .scene import GelScene, LatticeCrop
 from .wire import SerialLink
@@ -48,16 +48,16 @@ class VirtualKind(RigKind):
     def __init__(self, config: VirtualConfig, source: Path, number: int | None = None) -> None:
         """number: of the sensor that is drawn from the rig's population; None: the nominal one."""
         super().__init__(config, source)
-        self._drawn = DrawnSensor.draw(config, number, str(source))
+        self._draw = SensorDraw.from_population(config, number, str(source))
 
     def refusals(self, protocol: Protocol, sensor: SensorDimensions, source: str) -> list[str]:
         """Presses that are observed and for which the gel has no level or no mesh."""
-        gel, drawn = self._config.virtual.gel, self._drawn
+        gel, draw = self._config.virtual.gel, self._draw
         lines = simulation_refusals(protocol, sensor, gel, source)
-        if drawn.number is not None and not lines:
-            source = f"{source}: sensor {drawn.number} of [virtual.population]"
-            sensor = SensorDimensions(drawn.skin(sensor.skin))
-            lines = simulation_refusals(drawn.protocol(protocol), sensor, gel, source)
+        if draw.number is not None and not lines:
+            source = f"{source}: sensor {draw.number} of [virtual.population]"
+            sensor = SensorDimensions(draw.skin(sensor.skin))
+            lines = simulation_refusals(draw.protocol(protocol), sensor, gel, source)
         return lines
 
     def camera(self, protocol: Protocol, sensor: SensorDimensions) -> Pinhole | Rectified | None:
@@ -69,10 +69,10 @@ class VirtualKind(RigKind):
             from .lens import tracked_view
 
             view = tracked_view(self._config, sensor, self._source)
-        if self._drawn.number is not None and "image" in protocol.channels:
+        if self._draw.number is not None and "image" in protocol.channels:
             from .lens import true_camera
 
-            true_camera(self._config, sensor, view, self._drawn)  # refused before the run begins
+            true_camera(self._config, sensor, view, self._draw)  # refused before the run begins
         return view
 
     def truth(self, protocol: Protocol, sensor: SensorDimensions) -> dict[str, Any] | None:
@@ -81,11 +81,11 @@ class VirtualKind(RigKind):
         if simulator.population is None and simulator.drift is None:
             return None
         drift = None if simulator.drift is None else simulator.drift.model_dump()
-        return {**self._drawn.truth(protocol, sensor.skin), "drift": drift}
+        return {**self._draw.truth(protocol, sensor.skin), "drift": drift}
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job, self._drawn)
+        return VirtualRig(self._config, job, self._draw)
 
 
 class VirtualForce(NetFTSensor):
@@ -112,19 +112,19 @@ class VirtualRig(Rig):
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
     def __init__(
-        self, config: VirtualConfig, job: RigSetup, drawn: DrawnSensor = NOMINAL_SENSOR
+        self, config: VirtualConfig, job: RigSetup, draw: SensorDraw = NOMINAL_SENSOR
     ) -> None:
-        """drawn: the true sensor; that of the job is nominal."""
-        self._job, self._config, self._drawn = job, config, drawn
+        """draw: of the true sensor; that of the job is nominal."""
+        self._job, self._config, self._draw = job, config, draw
         stage, simulator, clock = config.stage, config.virtual, VirtualClock()
         controller = GrblController.for_stage(stage, clock)
-        protocol, skin = drawn.protocol(job.protocol), drawn.skin(job.sensor.skin)
+        protocol, skin = draw.protocol(job.protocol), draw.skin(job.sensor.skin)
         self.presses = presses = Presses(protocol, skin, simulator.gel)
         self._crop: LatticeCrop | None = None
         if "image" in job.protocol.channels:
             from .drawing import crop_lattice
 
-            self._crop = crop_lattice(config, job.sensor, presses.axes_mm(), drawn)
+            self._crop = crop_lattice(config, job.sensor, presses.axes_mm(), draw)
         self.scene = GelScene(
             controller, clock, stage.frame, presses.increments, presses.open, self._crop,
             presses.modulus_mpa,
@@ -159,7 +159,7 @@ class VirtualRig(Rig):
     def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Wrenches (n, 6) at times (n,) as the force sensor measures them, without its noise."""
         true = self.scene.wrenches(t_ns)
-        return true if self._drift is None else self._drift.felt(t_ns, true)
+        return true if self._drift is None else self._drift.apply(t_ns, true)
 
     def omissions(self) -> Iterator[Note]:
         """Notes on the parts that this scene does not need and did not build."""
@@ -192,16 +192,16 @@ class VirtualRig(Rig):
         from .drawing import picture_geometry
         from .picture import FrameRenderer
 
-        config, job, drawn = self._config, self._job, self._drawn
+        config, job, draw = self._config, self._job, self._draw
         assert isinstance(job.view, Pinhole | Rectified), "of a virtual rig that takes images"
         assert isinstance(job.recipe, PatternRecipe), "whoever asks for images has all of it"
-        geometry, lens = picture_geometry(config, job.sensor, job.view, crop.lattice, drawn)
-        return FrameRenderer.printed(geometry, config.virtual, job.recipe, job.seed, drawn), lens
+        geometry, lens = picture_geometry(config, job.sensor, job.view, crop.lattice, draw)
+        return FrameRenderer.printed(geometry, config.virtual, job.recipe, job.seed, draw), lens
 
     @cached_property
     def _choices(self) -> list[Choice]:
         """Mesh and friction of every press that is observed, of the nominal gel: for the record."""
         presses, job = self.presses, self._job
-        if self._drawn.number is not None:
+        if self._draw.number is not None:
             presses = Presses(job.protocol, job.sensor.skin, self._config.virtual.gel)
         return [presses.choice(path) for path in presses.paths if presses.observed]
