@@ -184,6 +184,18 @@ def test_bad_population_is_refused(
     assert not (tmp_path / "run").exists()
 
 
+def test_drawn_gel_is_checked(tmp_path: Path) -> None:
+    """A press that the design's gel bears and that is deeper than the drawn one is thick."""
+    sensors = Sensors(tmp_path, "[virtual.population]\nthickness_mm = 5.0\n")
+    text = sensors.protocol.read_text().replace("depths_mm = [0.4]", "depths_mm = [7.0]")
+    sensors.protocol.write_text(text + 'gel_model = "hyperelastic"\n')
+    for number, thick in ((2, True), (3, False)):
+        chosen = RunRequest(str(sensors.protocol), str(sensors.rig), sensor=number)
+        lines = chosen.kind.refusals(chosen.protocol, chosen.design, "p.toml")
+        assert (not lines) == thick
+    assert "sensor 3 of [virtual.population]: depths_mm: 7 mm is not less than the" in lines[0]
+
+
 def test_real_rig_has_its_own_sensor() -> None:
     with pytest.raises(InputError, match=r"--sensor: 1; .* is a real rig"):
         RunRequest("smoke", "grbl-bench", sensor=1)

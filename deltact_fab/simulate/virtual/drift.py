@@ -7,7 +7,6 @@ carried out alone, is the press of the whole run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,8 @@ from deltact_fab.bench import RigSetup, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field
 from deltact_fab.sensor import parse_indenter
 
-from .clock import NS_PER_S, VirtualClock
+from .clock import NS_PER_S
+from .scene import GelScene
 
 MIN_TIP_DEPTH_MM = 1e-9  # by hand: depth of a tip that touches nothing, and has no force
 
@@ -28,16 +28,9 @@ class Drift:
     asin(a/r)). It lowers the force in proportion to what remains of the tip's depth.
     """
 
-    def __init__(
-        self,
-        config: VirtualConfig,
-        job: RigSetup,
-        clock: VirtualClock,
-        depth_mm: Callable[[int], float],
-    ) -> None:
-        """depth_mm: depth of the tip at a time in ns."""
+    def __init__(self, config: VirtualConfig, job: RigSetup, scene: GelScene) -> None:
         assert config.virtual.drift is not None, "a rig without the table does not drift"
-        self._config, self._clock, self._depth_mm = config.virtual.drift, clock, depth_mm
+        self._config, self._scene = config.virtual.drift, scene
         self._plan: dict[str, list[tuple[Step, float]]] = {}  # steps and their ends, by press
         steps = expand_protocol(job.protocol, job.air)
         for step, end_s in zip(steps, config.planned_ends_s(steps)[1:], strict=True):
@@ -49,7 +42,7 @@ class Drift:
     def begin(self, press: str) -> None:
         """Start a press now: at the end of its first step, as planned."""
         rest, self._begin_s = self._plan[press][0]
-        self._origin_ns = self._clock.now_ns()
+        self._origin_ns = self._scene.clock.now_ns()
         order = list(self._plan)
         number = order.index(press)
         self._dent_mm = 0.0
@@ -66,7 +59,7 @@ class Drift:
 
     def light(self) -> float:
         """Light now, as a share of that at the start of the run."""
-        time_s = self._planned_s(self._clock.now_ns())
+        time_s = self._planned_s(self._scene.clock.now_ns())
         return max(1.0 + self._config.light_per_h * time_s / 3600, 0.0)
 
     def apply(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
@@ -75,8 +68,8 @@ class Drift:
         gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / 3600, 0.0)
         if self._dent_mm:
             left_mm = self._dent_mm * np.exp((self._dent_s - time_s) / self._config.recovery_s)
-            depth_mm = np.array([max(self._depth_mm(t), MIN_TIP_DEPTH_MM) for t in t_ns.tolist()])
-            gain = gain * np.clip(1.0 - left_mm / depth_mm, 0.0, 1.0)
+            depth_mm = np.array([self._scene.depth_mm(t) for t in t_ns.tolist()])
+            gain *= np.clip(1.0 - left_mm / np.maximum(depth_mm, MIN_TIP_DEPTH_MM), 0.0, 1.0)
         return np.asarray(gain[:, None] * wrenches)
 
     def _planned_s(self, t_ns: int) -> float:

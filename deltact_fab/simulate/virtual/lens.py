@@ -65,7 +65,10 @@ def true_camera(
     else:
         camera = draw.camera(view, None)
     if camera is not None and draw.number is not None:
-        source, remedy = f"virtual.population: sensor {draw.number}", "lower its camera's keys"
+        source, remedy = (
+            f"virtual.population: sensor {draw.number}",
+            "lower the camera's deviations",
+        )
         _require_drawn(camera, view, source, remedy)
     return camera
 
@@ -103,7 +106,7 @@ def _require_drawn(
     if (true.width_px, true.height_px) != (lens.width_px, lens.height_px):
         raise InputError(
             f"{source}: an image of {lens.width_px} x {lens.height_px} px, and [virtual.lens] "
-            f" makes {true.width_px} x {true.height_px} px"
+            f"makes {true.width_px} x {true.height_px} px"
         )
     w, h = view.width_px - 1, view.height_px - 1
     x, y = np.linspace(0, w, 65), np.linspace(0, h, 65)
@@ -119,8 +122,8 @@ def _require_drawn(
     most_mm = BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
-            f"{source}: the view's border is up to {off_mm:.2g} mm off that of [virtual.lens], and "
-            f"only {most_mm:.2g} mm beyond it are drawn; {remedy}"
+            f"{source}: the view's border is up to {off_mm:.2g} mm off that of the true camera, "
+            f"and only {most_mm:.2g} mm beyond it are drawn; {remedy}"
         )
 
 

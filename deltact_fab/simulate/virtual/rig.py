@@ -131,8 +131,7 @@ class VirtualRig(Rig):
         )  # fmt: skip
         host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
-        drifts = simulator.drift is not None
-        self._drift = drift = Drift(config, job, clock, self.scene.depth_mm) if drifts else None
+        self._drift = drift = Drift(config, job, self.scene) if simulator.drift else None
         with ExitStack() as resources:
             resources.callback(host.close)
             camera: VirtualCamera | None = None
