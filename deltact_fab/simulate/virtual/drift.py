@@ -31,47 +31,43 @@ class Drift:
     def __init__(self, config: VirtualConfig, job: RigSetup, scene: GelScene) -> None:
         assert config.virtual.drift is not None, "a rig without the table does not drift"
         self._config, self._scene = config.virtual.drift, scene
-        self._plan: dict[str, list[tuple[Step, float]]] = {}  # steps and their ends, by press
+        plan: dict[str, list[tuple[Step, float]]] = {}  # steps and their ends, by press
         steps = expand_protocol(job.protocol, job.air)
         for step, end_s in zip(steps, config.planned_ends_s(steps)[1:], strict=True):
             if step.kind != "change":
-                self._plan.setdefault(step.press, []).append((step, end_s))
-        self._origin_ns, self._begin_s = 0, 0.0
-        self._dent_mm, self._dent_s = 0.0, 0.0  # at the end of the previous press, and that end
+                plan.setdefault(step.press, []).append((step, end_s))
+        self._begin_s = {press: moves[0][1] for press, moves in plan.items()}
+        self._dents = {
+            press: self._dent(plan[last], moves[0][0])
+            for last, (press, moves) in zip(plan, list(plan.items())[1:], strict=False)
+        }
 
-    def begin(self, press: str) -> None:
-        """Start a press now: at the end of its first step, as planned."""
-        rest, self._begin_s = self._plan[press][0]
-        self._origin_ns = self._scene.clock.now_ns()
-        order = list(self._plan)
-        number = order.index(press)
-        self._dent_mm = 0.0
-        if number == 0:
-            return
-        last = [(step, end_s) for step, end_s in self._plan[order[number - 1]]
-                if step.kind != "travel"]  # fmt: skip
-        step, self._dent_s = last[-1]
-        half_mm = max(parse_indenter(step.indenter).footprint_half_mm)
+    def _dent(self, last: list[tuple[Step, float]], rest: Step) -> tuple[float, float]:
+        """Depth (mm) at the place of a rest that a press leaves at its end, and that time (s)."""
+        contact = [(step, end_s) for step, end_s in last if step.kind != "travel"]
+        half_mm = max(parse_indenter(last[0][0].indenter).footprint_half_mm)
         away_mm = max(math.dist(rest.target_mm[:2], last[0][0].target_mm[:2]), half_mm)
-        depth_mm = max(-step.target_mm[2] for step, _ in last)
-        share = 2 / math.pi * math.asin(half_mm / away_mm)
-        self._dent_mm = self._config.residual * depth_mm * share
+        depth_mm = max(-step.target_mm[2] for step, _ in contact)
+        share = self._config.residual * 2 / math.pi * math.asin(half_mm / away_mm)
+        return share * max(depth_mm, 0.0), contact[-1][1]
 
     def light(self) -> float:
         """Light now, as a share of that at the start of the run."""
-        time_s = self._planned_s(self._scene.clock.now_ns())
-        return max(1.0 + self._config.light_per_h * time_s / 3600, 0.0)
+        (time_s,) = self._planned_s(np.array([self._scene.clock.now_ns()]))
+        return max(1.0 + self._config.light_per_h * float(time_s) / 3600, 0.0)
 
     def apply(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
         """Return the true wrenches (n, 6) at times (n,) as the force sensor measures them."""
-        time_s = np.array([self._planned_s(t) for t in t_ns.tolist()])
+        time_s, (press, _) = self._planned_s(t_ns), self._scene.begun
         gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / 3600, 0.0)
-        if self._dent_mm:
-            left_mm = self._dent_mm * np.exp((self._dent_s - time_s) / self._config.recovery_s)
+        dent_mm, since_s = self._dents.get(press, (0.0, 0.0))
+        if dent_mm:
+            left_mm = dent_mm * np.exp((since_s - time_s) / self._config.recovery_s)
             depth_mm = np.array([self._scene.depth_mm(t) for t in t_ns.tolist()])
             gain *= np.clip(1.0 - left_mm / np.maximum(depth_mm, MIN_TIP_DEPTH_MM), 0.0, 1.0)
         return np.asarray(gain[:, None] * wrenches)
 
-    def _planned_s(self, t_ns: int) -> float:
-        """Planned time since the start of the run."""
-        return self._begin_s + (t_ns - self._origin_ns) / NS_PER_S
+    def _planned_s(self, t_ns: NDArray[np.int64]) -> Field:
+        """Planned times (n,) since the start of the run."""
+        press, begun_ns = self._scene.begun
+        return self._begin_s.get(press, 0.0) + (t_ns - begun_ns) / NS_PER_S

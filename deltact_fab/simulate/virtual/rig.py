@@ -91,20 +91,17 @@ class VirtualKind(RigKind):
 class VirtualForce(NetFTSensor):
     """The real client on the simulated box; each press restarts its noise."""
 
-    def __init__(
-        self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None, drift: Drift | None = None
-    ) -> None:
-        """scene: told of a new press when no camera does that. drift: of a press from its start."""
+    def __init__(self, box: NetFTBox, clock: VirtualClock, scene: GelScene | None) -> None:
+        """scene: told of a new press when no camera does that."""
         super().__init__(LockstepLink(box), clock)
-        self._box, self._scene, self._drift = box, scene, drift
+        self._box = box
+        self._scene = scene
 
     def begin(self, stream: str) -> None:
         """Re-seed, then tare as the real client does."""
         self._box.reseed(stream)
         if self._scene is not None:
-            self._scene.begin()
-        if self._drift is not None:
-            self._drift.begin(stream)
+            self._scene.begin(stream)
         super().begin(stream)
 
 
@@ -150,7 +147,7 @@ class VirtualRig(Rig):
                 box = NetFTBox(
                     config.force, clock, job.seed, self._wrenches, simulator.force.noise_n
                 )
-                force = VirtualForce(box, clock, scene, drift)
+                force = VirtualForce(box, clock, scene)
                 resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = resources.pop_all()
