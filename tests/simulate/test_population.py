@@ -43,11 +43,10 @@ Rows = list[Any]
 
 
 class Sensors(ShortRun):
-    """Short runs on a rig with more tables."""
+    """Short runs on a rig with more tables, of sensors by number."""
 
     def __init__(self, folder: Path, tables: str) -> None:
-        super().__init__(folder)
-        self.rig.write_text(RIG + tables)
+        super().__init__(folder, tables=tables)
 
     def run(self, out: Path, sensor: int | None = None, **words: Any) -> Path:
         run_experiment(

@@ -60,17 +60,14 @@ def true_camera(
 
     Raises InputError for one of another sensor, or so far off that the view is not in its picture.
     """
-    if isinstance(view, Rectified):
-        camera = draw.camera(None, true_lens(config, sensor))
-    else:
-        camera = draw.camera(view, None)
-    if camera is not None and draw.number is not None:
+    camera = draw.camera(true_lens(config, sensor) if isinstance(view, Rectified) else view)
+    if draw.number is not None:
         source, remedy = (
             f"virtual.population: sensor {draw.number}",
             "lower the camera's deviations",
         )
         _require_drawn(camera, view, source, remedy)
-    return camera
+    return None if camera is view else camera
 
 
 def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) -> Rectified:

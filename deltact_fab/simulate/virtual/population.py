@@ -85,25 +85,22 @@ class SensorDraw:
 
     def printer(self, printer: Printer) -> Printer:
         """Return the printer that made this sensor's sticker."""
-        spread_um = max(printer.spread_um + self.spread_um, 0.0)
-        return replace(printer, spread_um=spread_um)
+        return replace(printer, spread_um=max(printer.spread_um + self.spread_um, 0.0))
 
-    def camera(self, view: Pinhole | None, lens: Fisheye | None) -> Fisheye | Pinhole | None:
-        """Return the camera of this sensor: the lens, or the pinhole of a view if that is moved.
-
-        Raises InputError for a camera that cannot be.
-        """
+    def camera(self, nominal: Fisheye | Pinhole) -> Fisheye | Pinhole:
+        """Return the camera of this sensor. Raises InputError for one that cannot be."""
         (x, y), (tilt_x, tilt_y), roll = self.camera_mm, self.camera_tilt_deg, self.camera_roll_deg
-        gaps_mm = self.camera_height_mm, self.thickness_mm
-        if not any((x, y, tilt_x, tilt_y, roll, *gaps_mm)):
-            return lens
+        air_mm, gel_mm = self.camera_height_mm, self.thickness_mm
+        if not any((x, y, tilt_x, tilt_y, roll, air_mm, gel_mm)):
+            return nominal
         try:
-            if lens is None:
-                return None if view is None else view.with_pose((x, y), *gaps_mm, roll)
+            if isinstance(nominal, Pinhole):
+                return nominal.with_pose((x, y), air_mm, gel_mm, roll)
             return replace(
-                lens, x0_mm=lens.x0_mm + x, y0_mm=lens.y0_mm + y, roll_deg=lens.roll_deg + roll,
-                tilt_x_deg=lens.tilt_x_deg + tilt_x, tilt_y_deg=lens.tilt_y_deg + tilt_y,
-                air_gap_mm=lens.air_gap_mm + gaps_mm[0], gel_mm=lens.gel_mm + gaps_mm[1],
+                nominal, x0_mm=nominal.x0_mm + x, y0_mm=nominal.y0_mm + y,
+                roll_deg=nominal.roll_deg + roll, tilt_x_deg=nominal.tilt_x_deg + tilt_x,
+                tilt_y_deg=nominal.tilt_y_deg + tilt_y, air_gap_mm=nominal.air_gap_mm + air_mm,
+                gel_mm=nominal.gel_mm + gel_mm,
             )  # fmt: skip
         except ValueError as error:
             raise InputError(f"virtual.population: sensor {self.number}: {error}") from error
