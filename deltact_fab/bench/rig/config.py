@@ -29,6 +29,7 @@ from .tables import (
     CameraFile,
     ForceConfig,
     GuardConfig,
+    Monitors,
     RegistrationFile,
     Tools,
     TouchConfig,
@@ -197,6 +198,8 @@ class VirtualConfig(Table):
     touch: TouchConfig = TouchConfig()
     tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
+    monitor: Monitors | None = None
+    """A number of the surroundings, read once at each press; its limits pause the run."""
     virtual: SimulatorConfig = SimulatorConfig()
     served: ClassVar[bool] = False
 
@@ -217,7 +220,7 @@ class VirtualConfig(Table):
 
     def recorded(self) -> dict[str, Any]:
         """Return the data for a record; of what is hidden only hashes, to tell a change."""
-        data = self.model_dump(mode="json")
+        data = _dumped(self)
         for name in ("lens", "population", "drift"):
             hidden = getattr(self.virtual, name)
             if hidden is not None:
@@ -250,6 +253,8 @@ class GrblConfig(Table):
     tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`: its length minus that of the tip that the origin was
     measured with."""
+    monitor: Monitors | None = None
+    """A number of the surroundings, recorded during a run, with limits that pause it."""
 
     @model_validator(mode="after")
     def _port(self) -> Self:
@@ -268,7 +273,7 @@ class GrblConfig(Table):
 
     def recorded(self) -> dict[str, Any]:
         """Return the data for a record."""
-        return self.model_dump(mode="json")
+        return _dumped(self)
 
 
 RigConfig = VirtualConfig | GrblConfig
@@ -276,6 +281,11 @@ RIG_CONFIGS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
     "virtual": VirtualConfig,
     "grbl": GrblConfig,
 }
+
+
+def _dumped(rig: RigConfig) -> dict[str, Any]:
+    """Return plain data; without monitors, those of a version that had none."""
+    return rig.model_dump(mode="json", exclude=None if rig.monitor else {"monitor"})
 
 
 def load_rig(name: str) -> tuple[RigConfig, Path]:

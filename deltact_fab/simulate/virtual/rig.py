@@ -85,7 +85,9 @@ class VirtualKind(RigKind):
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job, self._draw)
+        rig = VirtualRig(self._config, job, self._draw)
+        rig.monitors = self.monitors()
+        return rig
 
 
 class VirtualForce(NetFTSensor):
