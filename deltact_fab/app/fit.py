@@ -69,7 +69,7 @@ def _smaller_indenters(
     reach_mm: dict[str, list[float]], opening_mm: Point2
 ) -> Iterator[tuple[str, str]]:
     """Yield each indenter with itself, or the largest smaller one that fits and is not in use."""
-    taken = set(reach_mm)
+    in_use = set(reach_mm)
     for name in sorted(reach_mm, key=lambda n: max(parse_indenter(n).footprint_half_mm)):
         indenter = parse_indenter(name)
         kind, size_mm, fitting = name.partition(":")[0], 2 * max(indenter.footprint_half_mm), name
@@ -78,7 +78,7 @@ def _smaller_indenters(
             for half, reach, opening in zip(
                 parse_indenter(fitting).footprint_half_mm, reach_mm[name], opening_mm, strict=True
             )
-        ) or (fitting != name and fitting in taken):
+        ) or (fitting != name and fitting in in_use):
             size_mm = SIZE_STEP_MM * (math.ceil(size_mm / SIZE_STEP_MM) - 1)
             fitting = f"{kind}:{size_mm:g}"
             try:
@@ -89,7 +89,7 @@ def _smaller_indenters(
                     f"{name}: no size of it suits a face of {width_mm:g} x {length_mm:g} mm with "
                     f"these drags; remove it from the protocol"
                 ) from error
-        taken.add(fitting)
+        in_use.add(fitting)
         yield name, fitting
 
 
