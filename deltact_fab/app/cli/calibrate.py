@@ -167,14 +167,14 @@ def force(
                 "--model cannot be used with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
-            fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
-        lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in left_out)]
+            fit, carried, notes = transfer_calibration(runs, transfer, progress=report)
+        lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in notes)]
         files = write_force_calibration(carried, output)
-        data = {"transfer": fit.as_dict(), "left_out": left_out}
+        data = {"transfer": fit.as_dict(), "left_out": notes}
         return Answer(data, [*lines, files_line(files)])
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
-    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.left_out)]
+    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.notes)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
     return Answer(result.as_dict(), [*lines, files_line(files)])
@@ -182,7 +182,7 @@ def force(
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for finding in (result.unrelaxed, result.gel):
+    for finding in (result.unrelaxed, result.gel, result.validation, result.reference):
         if finding is not None:
             yield finding.line + "\n"
     head = (

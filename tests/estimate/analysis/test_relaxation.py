@@ -10,8 +10,8 @@ from deltact_fab.estimate.analysis.relaxation import (
     BIN_S,
     ForceHistory,
     ForceRest,
+    RelaxationFit,
     Series,
-    fit_relaxation,
 )
 from deltact_fab.studies.study.settling import settling_time_s
 
@@ -81,7 +81,7 @@ def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[
 
 @pytest.mark.slow
 def test_series_is_recovered_from_successive_rests():
-    fitted = fit_relaxation(stops(GEL, noise_n=0.002, rest_s=30.0))
+    fitted = RelaxationFit.from_rests(stops(GEL, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 2
     assert fitted.series.shares == pytest.approx(GEL.shares, rel=0.1)
     assert fitted.series.times_s == pytest.approx(GEL.times_s, rel=0.1)
@@ -94,7 +94,7 @@ def test_series_is_recovered_from_successive_rests():
 
 def test_one_time_constant_needs_one_branch():
     one = Series((0.1,), (2.0,))
-    fitted = fit_relaxation(stops(one, noise_n=0.002, rest_s=30.0))
+    fitted = RelaxationFit.from_rests(stops(one, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 1
     assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
     assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)

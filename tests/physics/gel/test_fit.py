@@ -13,7 +13,7 @@ from deltact_fab.app.cli.gel import fit as command
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.fit.fit import GelFit, fit_press
 from deltact_fab.physics.gel.fit.force_curve import ForceCurve, force_curve
-from deltact_fab.physics.gel.fit.measured import MeasuredIndentation, read_press_csv
+from deltact_fab.physics.gel.fit.measured import MeasuredIndentation
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -146,7 +146,7 @@ def test_bad_files_are_refused_by_place(tmp_path: Path, text: str, said: str) ->
     path = tmp_path / "bad.csv"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=said) as why:
-        read_press_csv(path)
+        MeasuredIndentation.read(path)
     assert str(path) in str(why.value)
     assert "\n" not in str(why.value)
 
@@ -155,7 +155,7 @@ def test_csv_with_comments_and_drag(tmp_path: Path) -> None:
     path = tmp_path / "good.csv"
     rows = "".join(f"{k}, {k / 4} , {k}, 0.01, x\n" for k in range(8)) + "8, 2, 7, 0.5, x\n"
     path.write_text("\ufeff# bench 2\ntime_s, depth_mm , normal_n, shear_y_mm, operator\n" + rows)
-    data = read_press_csv(path)
+    data = MeasuredIndentation.read(path)
     np.testing.assert_array_equal(data.depth_mm, np.arange(8) / 4)
     assert data.dragged == 1
 

@@ -26,6 +26,7 @@ from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, pr
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
     CV_FOLDS,
+    Validation,
     calibrated_errors,
     cross_validate,
     evaluate_features,
@@ -34,6 +35,7 @@ from .judge import (
     learning_curve,
     ranking_error_n,
 )
+from .reference import reference_change
 from .result import PAPER_CONDITIONS, ForceResult
 
 NO_CAMERA = "camera unknown: the flow is in pixels instead of mm, no calibration is written"
@@ -62,14 +64,20 @@ def calibrate(
     gathered = requested if names else (*requested, *FORCE_READINGS)
     source, view = str(runs[0].folder), view_of_run(runs[0])
     # Upper bound of the number of points: too few are refused before anything is tracked.
-    max_points = sum(len(settled_rows(x)) for table in tables for _, x in table.groupby("press"))
+    max_points = sum(
+        len(settled_rows(frames))
+        for run, table in zip(runs, tables, strict=True)
+        for press, frames in table.groupby("press")
+        if press in presses(run, "fit")
+    )
     for name in required:
         _require_enough(make_features(name, view), max_points, source)
     data = gather_data(runs, gathered, executor, progress)
     gel = unrelaxed = None
     if Inverse.name in requested:
-        unrelaxed = fit_unrelaxed(data)
-        relaxed = unrelaxed.relaxed_wrenches(data) if unrelaxed else data
+        fitted = data.of_role("fit")
+        unrelaxed = fit_unrelaxed(fitted)
+        relaxed = unrelaxed.relaxed_wrenches(fitted) if unrelaxed else fitted
         gel = identify_gel(runs, relaxed, view, progress)
     if gel is not None:
         view = view.with_gel(gel.poisson, gel.thickness_mm)
@@ -78,8 +86,9 @@ def calibrate(
     result = fit_best_model(
         data, seed, lambda model, error: _assemble(runs, model, view, error=error), required, source
     )
-    left_out = [*result.left_out, *_run_notes(runs, tables)]
-    return replace(result, gel=gel, unrelaxed=unrelaxed, left_out=left_out)
+    notes = [*result.notes, *_run_notes(runs, tables)]
+    reference = reference_change(runs)
+    return replace(result, gel=gel, unrelaxed=unrelaxed, notes=notes, reference=reference)
 
 
 def fit_best_model(
@@ -91,17 +100,19 @@ def fit_best_model(
 ) -> ForceResult:
     """Fit and cross-validate every feature set of the points; the best becomes the calibration.
 
+    Points of presses to validate only test the best one, others that are not fitted are dropped.
     calibration: builds one from a model and its errors. required: sets for which too few points
     raise InputError; source: prefix of its message.
     """
-    models, left_out = [], list(data.left_out)
+    all_data, data = data, data.of_role("fit")
+    models, notes = [], list(data.notes)
     for name in (name for name in data.sets if name in FORCE_FEATURES):
         try:
             _require_enough(data.sets[name], len(data), source)
         except InputError as error:
             if name in required:
                 raise
-            left_out.append(str(error))
+            notes.append(str(error))
         else:
             models.append(evaluate_features(data, name, seed))
     models.sort(key=lambda model: ranking_error_n(model, data))
@@ -110,7 +121,8 @@ def fit_best_model(
         for name in dict.fromkeys((models[0].name, PAPER_CONDITIONS))
     }
     best = calibration(models[0].model, calibrated_errors(models[0], data))
-    return ForceResult(data, models, best, seed, left_out, curves)
+    validation = Validation.of_model(models[0].model, all_data)
+    return ForceResult(data, models, best, seed, notes, curves, validation=validation)
 
 
 def transfer_calibration(
@@ -127,10 +139,12 @@ def transfer_calibration(
     view = calibration.view(SensorModel(runs[0].camera))
     load_features(calibration.model, view, f"{source}: model")
     data = gather_data(runs, (name,), None, progress)
-    transferred = transfer(calibration.model, data)
+    transferred = transfer(calibration.model, data.of_role("fit"))
+    judged = (Validation.of_model(transferred.model, data), reference_change(runs))
     table = {"of": list(calibration.head.made.runs), **transferred.as_dict()}
     result = _assemble(runs, transferred.model, view_of_run(runs[0]), transfer=table)
-    return transferred, result, [*data.left_out, *_run_notes(runs, tables)]
+    lines = [finding.line for finding in judged if finding]
+    return transferred, result, [*lines, *data.notes, *_run_notes(runs, tables)]
 
 
 def _require_enough(features: Features, points: int, source: str) -> None:

@@ -6,7 +6,7 @@ not cross-validated: the gel (`gel.identify_gel`), and the choice of the best fe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from deltact_fab.common import Array, InputError
 
 from ...measure.force.model import WRENCH_AXES, ForceModel
 from ...measure.regression import RegressionFit
+from ..intervals import Interval
 from .dataset import ForceData
 
 CV_FOLDS, CV_REPEATS = 5, 10
@@ -211,13 +212,62 @@ CURVE_TOLERANCE = 1.1
 """Error that counts as no worse, over that from the most presses; by hand: above noise of draws."""
 
 
-def learning_curve(data: ForceData, name: str, seed: int) -> dict[int, float]:
-    """Return force errors on all other presses, N, by the number of training presses.
+FLAT_SIZES = 2  # that do not improve on fewer presses; by hand: one alone may be chance
 
-    Over CV_REPEATS draws; numbers are omitted for which a draw could not be fitted.
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """Force errors on all other presses, N, by the number of training presses.
+
+    last_step: the last error over the one before, with the wider interval, over presses or draws;
+    None where unknown.
+    """
+
+    errors_n: dict[int, float]
+    last_step: Interval | None = None
+
+    @property
+    def enough(self) -> int | None:
+        """The fewest presses that none of FLAT_SIZES or more larger numbers improves on.
+
+        Improves: by more than CURVE_TOLERANCE. None without any.
+        """
+        sizes, errors_n = list(self.errors_n), list(self.errors_n.values())
+        return next(
+            (
+                sizes[k]
+                for k in range(len(sizes) - FLAT_SIZES)
+                if errors_n[k] <= CURVE_TOLERANCE * min(errors_n[k + 1 :])
+            ),
+            None,
+        )
+
+    @property
+    def clause(self) -> str:
+        """Gain of more presses: little, some, or unknown."""
+        if self.enough is not None:
+            return f"more than {self.enough} presses improve it little"
+        step = self.last_step
+        if step is not None and step.high is not None and step.high < 1:
+            before, last = list(self.errors_n)[-2:]
+            change = f"{last} have {step.format('of')} the error of {before}".replace(" of [", " [")
+            return f"more presses would improve it ({change})"
+        return "unknown if more presses would improve it"
+
+    def as_dict(self) -> dict[str, Any]:
+        step = self.last_step
+        return {"enough": self.enough, "last_step": None if step is None else step._asdict()}
+
+
+def learning_curve(data: ForceData, name: str, seed: int) -> LearningCurve:
+    """Evaluate the learning curve of a feature set, over CV_REPEATS draws of presses.
+
+    Numbers of presses are omitted for which a draw could not be fitted.
     """
     X, press = data.features[name], np.unique(data.points["press"], return_inverse=True)[1]
-    count, rng, curve = int(press.max()) + 1, np.random.default_rng(seed), {}
+    count, rng = int(press.max()) + 1, np.random.default_rng(seed)
+    errors_n: dict[int, float] = {}
+    squares: list[Array] = []
     max_presses = int(MAX_TRAINING_SHARE * count)
     for size in sorted({n for n in (*CURVE_SIZES, max_presses) if 0 < n <= max_presses}):
         draws = [(rng.permutation(count) < size)[press] for _ in range(CV_REPEATS)]
@@ -226,11 +276,92 @@ def learning_curve(data: ForceData, name: str, seed: int) -> dict[int, float]:
         except InputError:
             continue
         residuals = [p - data.wrench[~train] for p, train in zip(predictions, draws, strict=True)]
-        curve[size] = force_error_n(np.concatenate(residuals)) or 0.0
-    return curve
+        errors_n[size] = force_error_n(np.concatenate(residuals)) or 0.0
+        squares.append(
+            np.concatenate(
+                [
+                    np.column_stack(
+                        ((r[:, :3] ** 2).sum(axis=1), press[~train], np.full(len(r), draw))
+                    )
+                    for draw, (r, train) in enumerate(zip(residuals, draws, strict=True))
+                ]
+            )
+        )
+    return LearningCurve(errors_n, _last_step(squares[-2:]))
 
 
-def presses_needed(curve: dict[int, float]) -> int | None:
-    """The fewest presses whose error is within a tenth of the last one's; None without any."""
-    limit_n = CURVE_TOLERANCE * next(reversed(curve.values()), 0.0)
-    return next((n for n, error_n in curve.items() if error_n <= limit_n), None)
+def _last_step(squares: Sequence[Array]) -> Interval | None:
+    """Ratio of the last two errors; squares: of both, columns square, press, draw."""
+    if len(squares) < 2 or not all(part[:, 0].any() for part in squares):
+        return None
+    rows = np.concatenate(
+        [np.column_stack((part, np.full(len(part), k))) for k, part in enumerate(squares)]
+    )
+
+    def ratio(rows: Array) -> float:
+        before, last = (rows[rows[:, 3] == k, 0].mean() for k in (0, 1))
+        return float(np.sqrt(last / before))
+
+    of_press, of_draw = (
+        Interval.jackknife(rows, rows[:, k], ratio, noun, "positive")
+        for k, noun in ((1, "press"), (2, "draw"))
+    )
+    return _widest([of_press, of_draw])
+
+
+def _widest(intervals: Iterable[Interval]) -> Interval:
+    """Return the widest interval, or one that is not known."""
+    return max(intervals, key=lambda i: np.inf if i.low is None else (i.high or 0) - i.low)
+
+
+def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval | None:
+    """RMSE with the wider interval over the units that a split tests on; None if one is nan.
+
+    errors: (repeats, n), N or N mm, of points by this split. Units: positions, indenters, presses
+    or runs; distinct presses (indenter and position) for single points.
+    """
+    if np.isnan(errors).any():
+        return None
+    columns = ("position", "indenter") if split == "unseen" else (split,)
+    groups = {c: points[c] for c in columns if c != "point" and points[c].nunique() > 1}
+    groups = groups or {"distinct press": points["indenter"] + " " + points["position"]}
+    return _widest(
+        Interval.rmse(errors.ravel(), np.tile(g, len(errors)), n) for n, g in groups.items()
+    )
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Errors of a model on presses that nothing was fitted to or chosen by.
+
+    errors: root mean squares with intervals by component, N or N mm.
+    """
+
+    presses: int
+    errors: dict[str, Interval]
+
+    @classmethod
+    def of_model(cls, model: ForceModel, data: ForceData) -> Validation | None:
+        """Validate a model by the points of presses to validate; None without any."""
+        held = data.of_role("validate")
+        if not len(held):
+            return None
+        residual = model.predict(held.features[model.features]) - held.wrench
+        errors = {
+            name: interval
+            for name, axis in WRENCH_LABELS.items()
+            if np.ptp(data.of_role("fit").wrench[:, WRENCH_AXES.index(axis)])
+            and (interval := error_interval(force_component(residual, name)[None], held.points,
+                                            "point")) is not None
+        }  # fmt: skip
+        return cls(held.points["press"].nunique(), errors)
+
+    @property
+    def line(self) -> str:
+        return f"validation: {self.presses} presses, normal force to " + (
+            self.errors["normal"].format("N") if "normal" in self.errors else "unknown"
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        errors = {name: interval._asdict() for name, interval in self.errors.items()}
+        return {"presses": self.presses, "errors": errors}
