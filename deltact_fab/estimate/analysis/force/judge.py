@@ -358,9 +358,9 @@ class Validation:
 
     @property
     def line(self) -> str:
-        return f"validation: {self.presses} presses, normal force to " + (
-            self.errors["normal"].format("N") if "normal" in self.errors else "unknown"
-        )
+        error = self.errors.get("normal")
+        words = "unknown" if error is None else f"{error.format('N')} ({error.over})"
+        return f"validation: {self.presses} presses, normal force to {words}"
 
     def as_dict(self) -> dict[str, Any]:
         errors = {name: interval._asdict() for name, interval in self.errors.items()}

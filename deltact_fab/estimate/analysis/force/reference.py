@@ -30,7 +30,7 @@ class ReferenceChange:
     @property
     def line(self) -> str:
         change = f"normal force changed by {self.percent.format('%')} over the run"
-        return f"reference: {self.presses} presses, {change}"
+        return f"reference: {change} ({self.percent.over})"
 
     def as_dict(self) -> dict[str, Any]:
         return {"presses": self.presses, "percent": self.percent._asdict()}
@@ -61,9 +61,8 @@ def reference_change(runs: Sequence[Run]) -> ReferenceChange | None:
     table = table[table.groupby("series")["at"].transform("size") > 1]
     if table.empty:
         return None
-    table["percent"] = (
-        100 * table["normal_n"] / table.groupby("series")["normal_n"].transform("mean")
-    )
+    mean_n = table.groupby("series")["normal_n"].transform("mean")
+    table["percent"] = 100 * table["normal_n"] / mean_n
     codes = np.unique(table["series"], return_inverse=True)[1]
     values = np.column_stack((table["at"], table["percent"], codes))
     return ReferenceChange(

@@ -16,6 +16,7 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
 from ...measure.shape.depth import DepthFinder, DepthModel, ball_depth_mm
 from ..flows import settled_flows
+from ..force.dataset import presses
 from ..runs import head_of, read_frames, sensor_of, settled_rows, view_of_run
 
 # Share of a press's depth below which the ball certainly touches; by hand, above the rim's 0.3.
@@ -31,8 +32,9 @@ DOUBTFUL_GAIN, MAX_DEPTH_GAIN = 2.0, 3.0
 class DepthCalibration:
     """A model of the depth and its source.
 
-    diameter_mm: of the ball. depths_mm: of the press, frame by frame. error_mm: mean distance
-    to the ball over the points that certainly touch, in the calibration's own frames.
+    diameter_mm: of the ball. depths_mm: of the press, stop by stop. error_mm: mean distance
+    to the ball over the points that certainly touch, in the calibration's own frames. dragged:
+    number of stops not used, as the ball was dragged along the face.
     """
 
     head: CalibrationHead
@@ -40,9 +42,11 @@ class DepthCalibration:
     diameter_mm: float
     depths_mm: list[float]
     error_mm: float
+    dragged: int
 
     def as_dict(self) -> dict[str, Any]:
-        return {"depth": self.model.as_dict(), "ball": self._ball(), "doubt": self.doubt}
+        tables = {"depth": self.model.as_dict(), "ball": self._ball()}
+        return {**tables, "doubt": self.doubt, "dragged": self.dragged}
 
     def toml(self) -> str:
         return self.head.toml({"depth": self.model.as_dict(), "ball": self._ball()})
@@ -54,18 +58,26 @@ class DepthCalibration:
             f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "
             f"{', '.join(f'{depth:.2f}' for depth in self.depths_mm)} mm: gain {model.gain:.3f}; "
             f"mean error {self.error_mm:.3f} mm where the sphere certainly touches "
-            f"({self.head.origin})." + (f"\nDoubtful: {self.doubt}" if self.doubt else "")
+            f"({self.head.origin})."
+            + (f"\n{self.dragged} stops not used: dragged along the face" if self.dragged else "")
+            + (f"\nDoubtful: {self.doubt}" if self.doubt else "")
         )
 
     @property
     def doubt(self) -> str | None:
         """Reason to doubt the gain, None without one."""
-        if 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
-            return None
-        return (
-            f"gains are usually between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g}; check the "
-            "sphere's diameter, the stage's zero at the face and the skin's thickness"
-        )
+        reasons = []
+        if not 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
+            reasons.append(
+                f"gains are usually between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g}; check the "
+                "sphere's diameter, the stage's zero at the face and the skin's thickness"
+            )
+        if max(self.depths_mm) - min(self.depths_mm) < MIN_PRESS_MM:
+            reasons.append(
+                f"one depth says nothing of others; stops at two, at least {MIN_PRESS_MM} mm "
+                "apart, are needed"
+            )
+        return "; ".join(reasons) or None
 
     def _ball(self) -> dict[str, Any]:
         return {
@@ -76,7 +88,9 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """Calibrate depth on the first press of a ball in a run.
+    """Calibrate depth on the first press of a ball in a run, without the stops of drags.
+
+    Presses of other roles than fit are not used.
 
     force: a force calibration, whose gel replaces the design's: a measurement that uses both then
     inverts the face once.
@@ -86,6 +100,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     """
     run = open_run(folder)
     frames = read_frames(run, "shape")
+    frames = frames[frames["press"].isin(presses(run, "fit"))]
     balls = frames[frames["indenter"].str.startswith("sphere:")]
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
@@ -103,9 +118,13 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_PRESS_MM))
     parts, depths = [], []
     rows = settled_rows(run.frames(press))
+    dragged = (rows["kind"] == "shear").to_numpy()
     tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, settled_flows(run, press, FaceFlow.SPACING_PX), strict=True):
-        if not (-tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER):
+    flows = settled_flows(run, press, FaceFlow.SPACING_PX)
+    for tip, aside, flow in zip(tips, dragged, flows, strict=True):
+        if aside or not (
+            -tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER
+        ):
             continue
         expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
         touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
@@ -115,8 +134,8 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
     if not measured.any():
         raise InputError(
-            f"{folder}: press {press}: no frame with the sphere {MIN_PRESS_MM} mm deep or more "
-            "and a trusted flow"
+            f"{folder}: press {press}: no undragged frame with the sphere {MIN_PRESS_MM} mm "
+            "deep or more and a trusted flow"
         )
     gain = float(measured @ expected / (measured @ measured))
     if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
@@ -127,5 +146,5 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     return DepthCalibration(
         head_of([run], "depth"),
         DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
-        float(np.abs(gain * measured - expected).mean()),
+        float(np.abs(gain * measured - expected).mean()), int(dragged.sum()),
     )  # fmt: skip
