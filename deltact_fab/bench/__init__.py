@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from .protocols.limits import RunEstimate, check_limits
     from .protocols.motion import StageConfig
     from .protocols.plan import Protocol, Step, expand_protocol, load_protocol
+    from .protocols.presses import Press
     from .record.check import check_run
     from .record.conditions import require_same_conditions
     from .record.export import export_run
     from .record.files import truth_file
     from .record.images import ImageFormat, encode_png
     from .record.importing import import_recording
-    from .record.journal import read_press_rows
     from .record.notes import RunNote
     from .record.run import Run, open_run
     from .record.truth import RunTruth

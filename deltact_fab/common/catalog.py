@@ -27,7 +27,7 @@ KIND_KEYS: dict[str, frozenset[str]] = {
         {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
     ),
     "patterns": frozenset({"law"}),
-    "protocols": frozenset({"indenters", "positions_mm", "depths_mm", "capture"}),
+    "protocols": frozenset({"indenters", "press", "presses", "capture"}),
     "protocols/rigs": frozenset({"stage"}),
 }
 """Top-level keys that identify the kind of a file: one is enough."""

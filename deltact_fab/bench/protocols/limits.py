@@ -16,10 +16,12 @@ from deltact_fab.sensor import SensorDimensions, parse_indenter
 
 from .motion import LOCKSTEP_PACE, RigPace, StageConfig, homing_s, move_duration_s, subtract_vectors
 from .plan import Protocol, Step, expand_protocol
+from .presses import Press
 
 PNG_BYTES_PER_PX = 2.2  # measured on rendered frames of a dense pattern: 1.9-2.3
 FORCE_BYTES_PER_S = 14_000  # measured on the simulated sensor at 1 kHz, noise 0.01 N
 LIMIT_SLACK_MM = 1e-9  # by hand: floating-point rounding of targets
+MAX_RECOVERY_SHARE = 0.01  # by hand: of the long-term deformation; the force sensor's noise
 MAX_BETWEEN_FRAMES_MM = 0.25  # 7 px, as in `deep-drag`, tracked throughout: docs/evidence/flow.md
 
 
@@ -107,6 +109,8 @@ def check_limits(
     rows += [_tip_reach(steps), *_opening(steps, sensor), _sideways(steps, protocol)]
     if "image" in protocol.channels:
         rows += [_frame_spacing(steps)]
+    if protocol.specimen.prony:
+        rows += [_recovery(steps, protocol, sensor, stage)]
     return [*rows, _names(steps)]
 
 
@@ -182,6 +186,46 @@ def _sideways(steps: list[Step], protocol: Protocol) -> Check:
             worst, step_id = clearance_mm - low_mm, step.id
     subject, status = "sideways motion below the plane by (mm)", graded(worst <= LIMIT_SLACK_MM)
     return Check.at_most("clearance-plane", "clearance plane", subject, worst, 0.0, step_id, status)
+
+
+def _recovery(
+    steps: list[Step], protocol: Protocol, sensor: SensorDimensions, stage: StageConfig
+) -> Check:
+    """Check that the gel has recovered from the presses near a place before the next one there.
+
+    Near: the contacts are less than a gel's thickness apart. What is left decays with the
+    specimen's series, as after a long press.
+    """
+    prony, ends_s = protocol.specimen.prony, planned_ends_s(steps, stage)
+    total = 1 + math.fsum(g for g, _ in prony)
+
+    def left(rest_s: float) -> float:
+        return math.fsum(g / total * math.exp(-rest_s / tau_s) for g, tau_s in prony)
+
+    radius_mm = {s.indenter: max(parse_indenter(s.indenter).footprint_half_mm) for s in steps}
+    presses = {p.name: p for p in protocol.list_presses()}
+    released: list[tuple[float, Press]] = []
+    worst = 0.0, "-", 0.0
+    for start_s, end_s, step in zip(ends_s, ends_s[1:], steps, strict=False):
+        press = presses.get(step.press)
+        if press is not None and step.kind == "approach":
+            for since_s, other in reversed(released):
+                if left(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
+                    break
+                reach_mm = sum(radius_mm[p.indenter] for p in (press, other))
+                if math.dist(press.at_mm, other.at_mm) < reach_mm + sensor.skin.thickness_mm:
+                    worst = left(start_s - since_s), step.press, start_s - since_s
+                    break
+        if press is not None and step.kind == "retract":
+            released.append((end_s, press))
+    share, name, rest_s = worst
+    needed_s = max(tau_s * math.log(max(len(prony) * g / total / MAX_RECOVERY_SHARE, 1))
+                   for g, tau_s in prony)  # fmt: skip
+    subject = "creep left of the press before"
+    if share:
+        subject += f" (after {rest_s:.0f} s; rest {needed_s - rest_s:.0f} s more: settle_s.rest)"
+    status = graded(True, warns=share > MAX_RECOVERY_SHARE)
+    return Check.at_most("recovery", "recovery", subject, share, MAX_RECOVERY_SHARE, name, status)
 
 
 def _frame_spacing(steps: list[Step]) -> Check:

@@ -6,264 +6,53 @@ when the run is repeated or resumed.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_serializer, field_validator, model_validator
-
-from deltact_fab.common import (
-    InputError,
-    OneOrEach,
-    Point,
-    Point2,
-    Table,
-    find_file,
-    read_toml,
-    validate,
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    field_serializer,
+    field_validator,
+    model_serializer,
+    model_validator,
 )
-from deltact_fab.sensor import GEL_LEVELS, GelMaterial, Indenter, find_level, parse_indenter
+
+from deltact_fab.common import InputError, Point, Point2, Table, find_file, read_toml, validate
+from deltact_fab.sensor import parse_indenter
 
 from .motion import PosMm
-
-StepKind = Literal["change", "travel", "approach", "press", "hold", "shear", "retract"]
-StopKind = Literal["rest", "press", "shear", "after"]
-PlanLength = Annotated[float, Field(ge=0.001, le=1000)]  # mm
-PlanFeed = Annotated[float, Field(ge=0.001, le=100_000)]  # mm/min
-FrameRate = Annotated[float, Field(ge=0.0001, le=1000)]  # frames per second
-DepthShare = Annotated[float, Field(ge=0.001, le=100)]
-WeightMass = Annotated[float, Field(ge=0.1, le=100_000)]  # g
-GridCount = Annotated[int, Field(ge=1, le=1000)]
-FaceTilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still press on the face
-Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
-SettleTime = Annotated[float, Field(ge=0, le=600)]
-SettleTimes = OneOrEach[SettleTime, StopKind]
-"""One value for all stops, or one per kind of stop."""
+from .presses import Press, add_references, listed_press, repeat_presses, shuffle_presses
+from .tables import (
+    Capture,
+    DeadWeights,
+    MotionPlan,
+    PlaceGrid,
+    PlanLength,
+    PressCount,
+    PressEntry,
+    ReferencePress,
+    Shear,
+    Specimen,
+    StepKind,
+    StopKind,
+    canonical_indenter,
+    read_presses,
+)
 
 MAX_PROTOCOL_STEPS = 200_000
 """By hand: the paper's force calibration has 2435; more make planning slow."""
 
 
-class Shear(Table):
-    """Sideways motion at each depth: to one side, through to the other, back to the centre."""
-
-    amplitude_mm: PlanLength | None = Field(default=None, examples=[3.0])
-    """Drag to each side of the press. Either this or amplitude_of_depth."""
-    amplitude_of_depth: DepthShare | None = Field(
-        default=None, examples=[0.7], json_schema_extra={"instead_of": "amplitude_mm"}
-    )
-    """Instead of amplitude_mm: as a share of the depth. A ball of any size slips fully once dragged
-    by about 1.5 x friction x depth (Mindlin); before that it sticks."""
-    axes: tuple[Literal["x", "y"], ...] = ("x", "y")
-    """Axes of the face along which the tip is dragged, one after the other."""
-    points_per_side: int = Field(default=1, ge=1, le=100)
-    """Stops on each side of the centre."""
-    grid: bool = False
-    """Stops on the full square of (2 points_per_side + 1)^2 points, in a spiral outwards from the
-    centre, instead of one axis after the other."""
-    first: Literal["positive", "outward"] = "positive"
-    """First side of a drag: always +, or away from the centre of the face (+ on the centre line).
-    With "outward", mirrored positions have mirrored paths."""
-
-    @model_validator(mode="after")
-    def _check_amplitude(self) -> Self:
-        if (self.amplitude_mm is None) == (self.amplitude_of_depth is None):
-            raise ValueError("either amplitude_mm or amplitude_of_depth is needed")
-        if self.grid and set(self.axes) != {"x", "y"}:
-            raise ValueError(f"axes: a grid needs both x and y, not {list(self.axes)}")
-        return self
-
-    @property
-    def legs(self) -> int:
-        """Drags at each depth."""
-        side = 2 * self.points_per_side + 1
-        return side * side if self.grid else side * len(self.axes)
-
-    def at_depth_mm(self, depth_mm: float) -> float:
-        """Amplitude for a press of this depth."""
-        return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
-
-
-class Hold(Table):
-    """Hold after each press, before any drag, to record creep of the gel."""
-
-    s: Annotated[float, Field(ge=0.1, le=86_400)] = Field(examples=[60.0])
-    """Duration of the hold in seconds."""
-    rate_hz: FrameRate = Field(examples=[1.0])
-    """Frames per second during the hold, the last one at its end; none counts as settled."""
-
-
-class Retract(Table):
-    """Retraction with frames and force samples, to record unloading."""
-
-    rate_hz: FrameRate = Field(examples=[2.0])
-    """Frames per second of planned motion, evenly, from the last stop up to approach_gap_mm."""
-
-
-class Capture(Table):
-    """Frames during motion and settled frames at stops; at least one of both."""
-
-    rate_hz: FrameRate | None = Field(default=None, examples=[1.0])
-    """Frames per second during each press and drag; omit for none."""
-    settle_s: SettleTimes | None = Field(default=None, examples=[1.0])
-    """Wait before a stop's frame, which then counts as settled. Without it stops do not wait, and
-    only the frame before a press is settled. By kind of stop, as {press = 5.0, shear = 1.0}: before
-    the press (rest), at a depth (press), at the end of a drag (shear), after the press (after,
-    never settled); omitted kinds do not wait."""
-    hold: Hold | None = None
-    retract: Retract | None = None
-
-    @model_validator(mode="after")
-    def _check_not_empty(self) -> Self:
-        if self.rate_hz is None and self.settle_s is None:
-            raise ValueError(
-                "rate_hz (frames during motion) or settle_s (a settled frame per stop) is needed"
-            )
-        return self
-
-    def wait_s(self, stop: StopKind) -> float | None:
-        """Settling time of a kind of stop in s; None: no wait."""
-        return self.settle_s.get(stop) if isinstance(self.settle_s, dict) else self.settle_s
-
-    def rates_hz(self) -> dict[StepKind, float]:
-        """Frame rates of the kinds of steps that have frames."""
-        rates: dict[StepKind, float | None] = {
-            "press": self.rate_hz,
-            "shear": self.rate_hz,
-            "hold": self.hold.rate_hz if self.hold else None,
-            "retract": self.retract.rate_hz if self.retract else None,
-        }
-        return {kind: rate_hz for kind, rate_hz in rates.items() if rate_hz is not None}
-
-
-class PlaceGrid(Table):
-    """Positions on a grid, instead of a list: row by row from the lowest x and y."""
-
-    x: tuple[PosMm, PosMm] = Field(examples=[[-6.0, 6.0]])
-    """Lowest and highest x, mm from the centre of the face."""
-    y: tuple[PosMm, PosMm] = Field(examples=[[-5.0, 5.0]])
-    """Lowest and highest y."""
-    n: tuple[GridCount, GridCount] = Field(examples=[[3, 3]])
-    """Number of positions along x and y, evenly from lowest to highest; 1: in the middle."""
-
-    @model_validator(mode="after")
-    def _check_order(self) -> Self:
-        for name, (low, high), n in (("x", self.x, self.n[0]), ("y", self.y, self.n[1])):
-            if low > high or (low == high and n > 1):
-                raise ValueError(f"{name}: [{low:g}, {high:g}] for {n}; expected [lowest, highest]")
-        return self
-
-    def places_mm(self) -> tuple[Point2, ...]:
-        """Positions (x, y), rounded to a nanometre."""
-        xs, ys = (
-            [round(low + (high - low) * (k / (n - 1) if n > 1 else 0.5), 6) for k in range(n)]
-            for (low, high), n in ((self.x, self.n[0]), (self.y, self.n[1]))
-        )
-        return tuple((x, y) for y in ys for x in xs)
-
-
-class MotionPlan(Table):
-    """Feeds and heights of the stage, in the sensor frame."""
-
-    clearance_mm: PlanLength = 5.0
-    """Height above the resting face from which sideways travel is allowed."""
-    approach_gap_mm: PlanLength = 0.5
-    """Height at which the travel feed gives way to the press feed."""
-    park_mm: PlanLength = 20.0
-    """Height at which the indenter is changed."""
-    travel_feed_mm_min: PlanFeed = 600.0
-    """Feed of the moves above the face."""
-    press_feed_mm_min: PlanFeed = 30.0
-    """Feed from approach_gap_mm down into the gel, and back out of it."""
-    shear_feed_mm_min: PlanFeed = 30.0
-    """Feed of the drags in contact."""
-
-    @model_validator(mode="after")
-    def _check_heights(self) -> Self:
-        if not self.approach_gap_mm <= self.clearance_mm <= self.park_mm:
-            raise ValueError(
-                "approach_gap_mm <= clearance_mm <= park_mm: "
-                f"{self.approach_gap_mm} <= {self.clearance_mm} <= {self.park_mm} fails"
-            )
-        return self
-
-
-def _gel_field(key: str) -> Any:
-    """A field with the default, limits and meaning of `GelMaterial`'s."""
-    field = GelMaterial.__dataclass_fields__[key]
-    return Field(default=field.default, **field.metadata)
-
-
-class Specimen(Table):
-    """Sensor under test: design, pattern and assumed gel properties."""
-
-    serial: str | None = Field(default=None, min_length=1, max_length=64, examples=["A-07"])
-    """Serial number of the sensor; each sensor of a design has its own."""
-    design: str = "deltact"
-    """Name or path of the sensor's design."""
-    pattern: str = "dense-with-dots"
-    """Name or path of its pattern recipe."""
-    gel_model: Annotated[str, Field(json_schema_extra={"enum": list(GEL_LEVELS)})] = "linear"
-    """Model for predicted forces and the virtual gel: "linear" for presses up to a tenth of the
-    thickness; "hyperelastic" (finite strain) for deep ones, takes minutes."""
-    modulus_mpa: float = _gel_field("modulus_mpa")
-    poisson: float = _gel_field("poisson")
-    friction: float = _gel_field("friction")
-    prony: tuple[tuple[Annotated[float, Field(ge=0, le=100)], Seconds], ...] = ()
-    """Pairs (g, tau_s) of a viscoelastic gel, as in GelMaterial; modulus_mpa is then the long-term
-    modulus."""
-    depth_margin_mm: PlanLength = 1.0
-    """Gel that must remain below the deepest press."""
-
-    @field_validator("gel_model")
-    @classmethod
-    def _check_level(cls, value: str) -> str:
-        return find_level(value)
-
-    @field_validator("serial")
-    @classmethod
-    def _check_serial(cls, value: str | None) -> str | None:
-        if value is not None and not (value.isprintable() and value == value.strip()):
-            raise ValueError("must be printable, without blanks at the ends")
-        return value
-
-
-class DeadWeights(Table):
-    """Known masses laid on the face by hand, instead of a stage and a force sensor."""
-
-    masses_g: tuple[WeightMass, ...] = Field(min_length=1, max_length=100, examples=[[50.0, 100.0]])
-    """Masses, each including the indenter and its holder, in order of loading."""
-    error_g: Annotated[float, Field(ge=0, le=1000)] = 0.1
-    """Error of a mass, from its class or the balance."""
-    tilt_deg: tuple[FaceTilt, FaceTilt] = (0.0, 0.0)
-    """Tilt of the face along x and y, positive if that direction leads down. A tilted face is
-    sheared; a level one gives no shear data."""
-    tilt_error_deg: Annotated[float, Field(ge=0, le=10)] = 0.2
-    """Error of the tilt."""
-    height_mm: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
-    """Height of the centre of mass above the face; 0 or less if the mass hangs from a yoke. On a
-    tilted face it causes a moment."""
-    gravity_m_s2: float = Field(default=9.80665, ge=9.7, le=9.9)
-    """Local gravity; 9.780 at the equator to 9.832 at the poles."""
-
-    def wrench(self, mass_g: float, at_mm: Point2) -> tuple[float, ...]:
-        """Force (N) on the sensor and moment (N mm) about the centre of the resting face."""
-        fx, fy = (self._weight_n(mass_g) * math.sin(math.radians(t)) for t in self.tilt_deg)
-        fz = -math.sqrt(self._weight_n(mass_g) ** 2 - fx**2 - fy**2)
-        (x, y), z = at_mm, self.height_mm
-        return fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
-
-    def error_n(self) -> tuple[float, float]:
-        """Errors of normal force and shear force in N at the largest mass."""
-        weight_n, tilt = self._weight_n(max(self.masses_g)), math.radians(self.tilt_error_deg)
-        steepest = max(abs(math.sin(math.radians(t))) for t in self.tilt_deg)
-        mass_n = self._weight_n(self.error_g)
-        return mass_n + weight_n * tilt * (steepest + tilt), mass_n * steepest + weight_n * tilt
-
-    def _weight_n(self, mass_g: float) -> float:
-        return mass_g / 1000 * self.gravity_m_s2
+_NEW_KEYS: dict[str, Any] = {
+    "presses": None, "press": [], "order": "file", "order_seed": 0, "repeats": 1, "reference": None,
+}  # fmt: skip
+"""Keys newer than 0.3.0, and their defaults."""
 
 
 class Protocol(Table):
@@ -273,15 +62,31 @@ class Protocol(Table):
     """Name of the experiment; letters, digits, dot, hyphen, underscore."""
     description: str = ""
     """One line for lists and reports."""
-    indenters: tuple[str, ...] = Field(min_length=1)
+    indenters: tuple[str, ...] = Field(default=(), examples=[["sphere:10"]])
     """Indenters in order of use: sphere:DIAMETER_MM, or 4dots, 2dots, edges, ellipsoid, hexprism,
-    star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml."""
+    star, cylinder, ring, hat, with or without :SIZE_MM; or a shape of cad/indenters.toml. One that
+    is listed again is mounted again, and its presses are spread over its mountings. Each presses
+    all positions; needed unless [[press]] lists the presses."""
     positions_mm: tuple[tuple[PosMm, PosMm], ...] = Field(default=(), examples=[[[0.0, 0.0]]])
     """Positions (x, y) of the presses from the centre of the face. Either this or grid."""
     grid: PlaceGrid | None = Field(default=None, json_schema_extra={"instead_of": "positions_mm"})
     depths_mm: tuple[PlanLength, ...] = ()
     """Depths of the stops of each press below the resting face, increasing."""
     weights: DeadWeights | None = Field(default=None, json_schema_extra={"instead_of": "depths_mm"})
+    press: tuple[PressEntry, ...] = Field(default=(), json_schema_extra={"instead_of": "indenters"})
+    """Presses one by one, instead of indenters, positions_mm and depths_mm."""
+    presses: str | None = Field(
+        default=None, max_length=4096, examples=["presses.csv"],
+        json_schema_extra={"instead_of": "press"},
+    )  # fmt: skip
+    """CSV file of the presses, relative to this file: its columns are the keys of [[press]]."""
+    repeats: PressCount = 1
+    """Number of times that each press is made."""
+    order: Literal["file", "random"] = "file"
+    """Order of the presses of each mounting: as in this file, or random."""
+    order_seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of the random order."""
+    reference: ReferencePress | None = None
     channels: frozenset[Literal["image", "dots", "force", "shear", "traction"]]
     """Data that the analysis needs; others are not computed. Empty: stage poses only. traction:
     traction on the face at every frame, virtual rigs only."""
@@ -293,18 +98,11 @@ class Protocol(Table):
     @field_validator("indenters")
     @classmethod
     def _valid_indenters(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        try:
-            names = tuple(parse_indenter(name).name for name in value)
-        except InputError as error:
-            raise ValueError(str(error)) from error
-        if len(set(names)) != len(names):
-            raise ValueError("list each indenter once")
-        return names
+        return tuple(canonical_indenter(name) for name in value)
 
     @model_validator(mode="after")
     def _check_combinations(self) -> Self:
-        if bool(self.positions_mm) == bool(self.grid):
-            raise ValueError("either positions_mm or grid is needed")
+        self._check_form()
         if self.grid is not None:  # expanded here, so that records list the positions
             object.__setattr__(self, "positions_mm", self.grid.places_mm())
             object.__setattr__(self, "grid", None)
@@ -312,10 +110,12 @@ class Protocol(Table):
             raise ValueError("channels: 'dots' needs 'image'")
         if "traction" in self.channels and "image" not in self.channels:
             raise ValueError("channels: 'traction' needs 'image': it is stored per frame")
-        if self.shear and "shear" not in self.channels:
-            raise ValueError("channels: a protocol with [shear] needs 'shear'")
-        if bool(self.depths_mm) == bool(self.weights):
-            raise ValueError("either depths_mm (stage) or [weights] (by hand) is needed")
+        presses = self.list_presses()
+        if any(press.shear for press in presses) and "shear" not in self.channels:
+            key = "a protocol with [shear]" if self.shear else "a press with shear_x_mm, shear_y_mm"
+            raise ValueError(f"channels: {key} needs 'shear'")
+        if len({press.name for press in presses}) < len(presses):
+            raise ValueError("indenters: a shape by two names")
         capture = self.capture
         filmed = self.shear or capture.rates_hz()
         if self.weights and (filmed or not capture.wait_s("press")):
@@ -325,17 +125,123 @@ class Protocol(Table):
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: must be strictly increasing, as the gel has memory")
-        legs = 0 if self.shear is None else self.shear.legs
-        presses = len(self.indenters) * len(self.positions_mm)
-        stops = 1 + legs + (capture.hold is not None)
-        if (count := presses * (4 + len(self.depths_mm) * stops)) > MAX_PROTOCOL_STEPS:
+        extra = capture.hold is not None
+        stops = ((1 + extra + len(legs)) for p in presses for legs in p.legs.values())
+        if (count := 4 * len(presses) + sum(stops)) > MAX_PROTOCOL_STEPS:
             raise ValueError(f"{count} steps; at most {MAX_PROTOCOL_STEPS}: split the protocol")
         return self
+
+    def _check_form(self) -> None:
+        """Raise ValueError unless the presses are given in exactly one form."""
+        if self.presses is not None:
+            raise ValueError("presses: a file is read only with the protocol's own file")
+        if self.press:
+            unused = ("indenters", "positions_mm", "grid", "depths_mm", "weights", "shear")
+            for key in unused:
+                if getattr(self, key):
+                    raise ValueError(f"{key}: not with [[press]], whose entries give it")
+            return
+        if not self.indenters:
+            raise ValueError("indenters: missing key; or list the presses as [[press]]")
+        if bool(self.positions_mm) == bool(self.grid):
+            raise ValueError("either positions_mm or grid is needed")
+        if bool(self.depths_mm) == bool(self.weights):
+            raise ValueError("either depths_mm (stage) or [weights] (by hand) is needed")
+        if self.weights and (self.order == "random" or self.repeats > 1 or self.reference):
+            raise ValueError("[weights]: laid on in the order of the file, once, no [reference]")
+
+    @model_serializer(mode="wrap")
+    def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit keys newer than 0.3.0 at their defaults: its records and caches stay valid."""
+        data: dict[str, Any] = handler(self)
+        return {
+            key: value for key, value in data.items()
+            if key not in _NEW_KEYS or value not in (_NEW_KEYS[key], ())
+        }  # fmt: skip
 
     @field_serializer("channels", when_used="json")
     def _sort_channels(self, channels: frozenset[str]) -> list[str]:
         """Sort the channels: a set's order differs between processes and changes cache keys."""
         return sorted(channels)
+
+    def list_presses(self) -> tuple[Press, ...]:
+        """All presses in the order in which they are made.
+
+        Only this reads how a file states them: by indenters and positions, or one by one.
+        """
+        made: Counter[str] = Counter()
+        presses: list[Press] = []
+        for mounting, mounted in enumerate(self._mountings()):
+            if self.order == "random":
+                mounted = shuffle_presses(mounted, self.order_seed)
+            if self.reference is not None:
+                mounted = list(add_references(mounted, self.reference, made))
+            presses += [replace(press, mounting=mounting) for press in mounted]
+        return tuple(presses)
+
+    def _mountings(self) -> Iterator[list[Press]]:
+        """The presses of each mounting of an indenter, in the order of the file."""
+        if self.press:
+            numbered = enumerate(self.press, start=1)
+            for _, group in itertools.groupby(numbered, key=lambda item: item[1].indenter):
+                yield repeat_presses([
+                    (listed_press(number, entry), entry.repeats or self.repeats)
+                    for number, entry in group
+                ])  # fmt: skip
+            return
+        for k, tip in enumerate(self.indenters):
+            slug = parse_indenter(tip).slug
+            presses = repeat_presses([
+                (Press(f"{slug}/p{n}", n, tip, at, self.depths_mm, self.shear, "fit", 0),
+                 self.repeats)
+                for n, at in enumerate(self.positions_mm, start=1)
+            ])  # fmt: skip
+            turns, turn = self.indenters.count(tip), self.indenters[:k].count(tip)
+            first, last = (len(presses) * (turn + i) // turns for i in (0, 1))
+            yield presses[first:last]
+
+    @property
+    def tips(self) -> tuple[str, ...]:
+        """Indenters, each once, in order of use."""
+        return tuple(dict.fromkeys(press.indenter for press in self.list_presses()))
+
+    @property
+    def places_mm(self) -> tuple[Point2, ...]:
+        """Positions, each once, in order of use."""
+        return tuple(dict.fromkeys(press.at_mm for press in self.list_presses()))
+
+    @property
+    def stops_mm(self) -> tuple[float, ...]:
+        """Depths of all stops, each once, increasing."""
+        return tuple(sorted({depth for press in self.list_presses() for depth in press.depths_mm}))
+
+    def narrowed(
+        self,
+        tips: Sequence[str] | None = None,
+        places_mm: Sequence[Point2] | None = None,
+        stops_mm: Sequence[float] | None = None,
+    ) -> Protocol:
+        """A protocol with only these indenters, positions and depths of it.
+
+        A list of presses is numbered anew. Raises InputError if nothing is left.
+        """
+
+        def kept(values: Iterable[Any], choice: Sequence[Any] | None) -> tuple[Any, ...]:
+            return tuple(v for v in values if choice is None or v in choice)
+
+        changed: dict[str, Any] = {
+            "indenters": kept(self.indenters, tips),
+            "positions_mm": kept(self.positions_mm, places_mm),
+            "depths_mm": kept(self.depths_mm, stops_mm),
+        }
+        if self.press:
+            changed = {"press": [
+                e for e in self.press
+                if (tips is None or e.indenter in tips)
+                and (places_mm is None or (e.x_mm, e.y_mm) in places_mm)
+                and (stops_mm is None or e.depth_mm in stops_mm)
+            ]}  # fmt: skip
+        return validate(Protocol, {**dict(self), **changed}, self.name)
 
 
 @dataclass(frozen=True)
@@ -363,10 +269,22 @@ def load_protocol(name: str, by_hand: bool = False) -> tuple[Protocol, Path]:
     Raises InputError.
     """
     path = find_file("protocols", name)
-    protocol = validate(Protocol, read_toml(path), str(path))
+    protocol = validate(Protocol, read_declaration(path), str(path))
     if protocol.weights is not None and not by_hand:
         raise InputError(f"{path}: weights: only for a `run` on a real rig, placed by hand")
     return protocol, path
+
+
+def read_declaration(path: Path) -> dict[str, Any]:
+    """Read the keys of a protocol's file, its presses from their own file. Raises InputError."""
+    data = read_toml(path)
+    file = data.get("presses")
+    if isinstance(file, str):
+        if "press" in data:
+            raise InputError(f"{path}: presses: not with [[press]]: give one of them")
+        del data["presses"]
+        data["press"] = read_presses(path.parent / file)
+    return data
 
 
 def expand_protocol(
@@ -374,7 +292,7 @@ def expand_protocol(
 ) -> list[Step]:
     """Expand a protocol into all steps in order.
 
-    Ids read `indenter/position/depth/leg`; a press is indenter/position.
+    Ids read `press/depth/leg`; a press is named as in `Press`.
 
     air: raise all targets to the clearance plane, so that nothing is touched; steps, ids and
     frames stay the same. descent_feed_mm_min: largest feed downwards until the face was touched,
@@ -393,18 +311,21 @@ def expand_protocol(
 
 
 def _steps(protocol: Protocol) -> Iterator[Step]:
-    motion = protocol.motion
-    for name in protocol.indenters:
-        indenter = parse_indenter(name)
-        id, park_mm = f"{indenter.slug}/change", (0.0, 0.0, motion.park_mm)
+    motion, mountings = protocol.motion, Counter[str]()
+    for _, group in itertools.groupby(protocol.list_presses(), key=lambda press: press.mounting):
+        presses = list(group)
+        indenter = parse_indenter(presses[0].indenter)
+        mountings[indenter.name] += 1
+        times = mountings[indenter.name]
+        id = f"{indenter.slug}/change{times if times > 1 else ''}"
+        park_mm = (0.0, 0.0, motion.park_mm)
         yield Step(id, id, indenter.name, "change", park_mm, motion.travel_feed_mm_min)
-        for number, (x, y) in enumerate(protocol.positions_mm, start=1):
-            yield from _press(protocol, indenter, f"{indenter.slug}/p{number}", x, y)
+        for press in presses:
+            yield from _press_steps(protocol, press)
 
 
-def _press(
-    protocol: Protocol, indenter: Indenter, press: str, x: float, y: float
-) -> Iterator[Step]:
+def _press_steps(protocol: Protocol, press: Press) -> Iterator[Step]:
+    (x, y), name = press.at_mm, press.name
     motion, capture = protocol.motion, protocol.capture
     rates_hz = capture.rates_hz()
     feeds = {"press": motion.press_feed_mm_min, "shear": motion.shear_feed_mm_min,
@@ -426,7 +347,7 @@ def _press(
         position = target
         wait_s = capture.wait_s(stop) if stop else None
         return Step(
-            f"{press}/{leg}", press, indenter.name, kind, target, feed_mm_min, frames,
+            f"{name}/{leg}", name, press.indenter, kind, target, feed_mm_min, frames,
             wait_s or 0.0, wait_s is not None, hold_s,
         )  # fmt: skip
 
@@ -438,60 +359,17 @@ def _press(
         yield replace(move("after", "travel", above, "after"), settled=False)
         return
     yield move("approach", "approach", (x, y, motion.approach_gap_mm))
-    for depth in protocol.depths_mm:
+    for depth, legs in press.legs.items():
         down = (x, y, -depth)
         yield move(f"d{depth:.2f}/press", "press", down, "press")
         if capture.hold is not None:
             yield move(f"d{depth:.2f}/hold", "hold", down)
-        for leg, target in _legs(protocol.shear, down):
-            stop: StopKind | None = "shear" if target != down else None
-            yield move(f"d{depth:.2f}/{leg}", "shear", target, stop)
+        for leg, (dx, dy) in legs:
+            stop: StopKind | None = "shear" if (dx, dy) != (0, 0) else None
+            yield move(f"d{depth:.2f}/{leg}", "shear", (x + dx, y + dy, -depth), stop)
     # Retraction has frames up to the approach gap, like the press: above it nothing moves.
     top_mm = motion.approach_gap_mm if "retract" in rates_hz else motion.clearance_mm
     yield move("retract", "retract", (*position[:2], top_mm))
     # The face may still be recovering: one frame, never settled.
-    position = above
+    position = above = (*position[:2], motion.clearance_mm)
     yield replace(move("after", "travel", above, "after"), settled=False)
-
-
-def _legs(shear: Shear | None, centre: Point) -> Iterator[tuple[str, Point]]:
-    """Yield names and targets of the drags at a depth; returns to the centre are no stops."""
-    if shear is None:
-        return
-    n, (x, y, z) = shear.points_per_side, centre
-    amplitude_mm = shear.at_depth_mm(-z)
-    outward = shear.first == "outward"
-    signs = [-1 if outward and coordinate < 0 else 1 for coordinate in (x, y)]
-
-    def name(axis: int, k: int) -> str:
-        side = amplitude_mm * k / n
-        text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
-        return f"{'xy'[axis]}{text}"
-
-    for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
-        k = (signs[0] * i, signs[1] * j)
-        leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
-        dx, dy = (amplitude_mm * v / n for v in k)
-        yield leg, (x + dx, y + dy, z)
-
-
-def _cross_path(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:
-    """Yield points of a cross: along each axis outwards, across to the other side, and back."""
-    for axis in ("xy".index(letter) for letter in letters):
-        for k in (*range(1, n + 1), *range(-1, -n - 1, -1), 0):
-            yield (k, 0, (0,)) if axis == 0 else (0, k, (1,))
-
-
-def _square_spiral(n: int) -> Iterator[tuple[int, int, Sequence[int]]]:
-    """Yield points of a square in a spiral around (0, 0), and finally (0, 0)."""
-    i = j = 0
-    for ring in range(1, n + 1):
-        i += 1
-        yield i, j, (0, 1)
-        # Up this side, then around the other three, to below the start.
-        for di, dj, length in ((0, 1, 2 * ring - 1), (-1, 0, 2 * ring), (0, -1, 2 * ring),
-                               (1, 0, 2 * ring)):  # fmt: skip
-            for _ in range(length):
-                i, j = i + di, j + dj
-                yield i, j, (0, 1)
-    yield 0, 0, (0, 1)

@@ -191,7 +191,10 @@ def _planned(run: Run) -> list[Step]:
     Raises InputError when protocol.toml cannot be read.
     """
     path = run.folder / "protocol.toml"
-    protocol = validate(Protocol, read_toml(path), str(path))
+    declared = read_toml(path)
+    if declared.pop("presses", None) is not None:  # the list is in the record
+        declared["press"] = run.meta["protocol"]["press"]
+    protocol = validate(Protocol, declared, str(path))
     return expand_protocol(protocol, bool(run.meta.get("air")))
 
 

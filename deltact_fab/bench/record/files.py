@@ -16,7 +16,8 @@ from typing_extensions import TypedDict  # pydantic: needed before Python 3.12
 from deltact_fab.common import InputError, Note, parse_json, validate
 from deltact_fab.sensor import restore_camera
 
-from ..protocols.plan import SettleTimes, Step
+from ..protocols.plan import Step
+from ..protocols.tables import SettleTimes
 from .folder import has_file, read_file
 
 RUN_FORMAT = 6  # format number of run folders written by this version

@@ -23,12 +23,12 @@ from deltact_fab.sensor import (
     restore_indenter,
 )
 
-from ..protocols.plan import DeadWeights
+from ..protocols.tables import DeadWeights
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
-from .journal import is_claimed, journal_errors, open_journal, schema_faults
+from .journal import is_claimed, journal_errors, open_journal, read_press_rows, schema_faults
 from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
@@ -122,6 +122,14 @@ class Run:
     def steps(self, press: str | None = None) -> pd.DataFrame:
         """Finished steps (of one press), one row each."""
         return self._table("steps", press)
+
+    def press_roles(self) -> dict[str, str]:
+        """Role of each planned press: "fit", "validate" or "reference"; empty if not recorded."""
+        return {press["name"]: press["role"] for press in self.meta.get("presses", [])}
+
+    def press_rows(self) -> dict[str, list[tuple[Any, ...]]]:
+        """Rows of the presses by table, without clocks, to compare two runs."""
+        return read_press_rows(self.folder)
 
     @cached_property
     def camera(self) -> CameraModel:

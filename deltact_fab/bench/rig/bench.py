@@ -17,7 +17,7 @@ from deltact_fab.common import InputError, Note, Progress
 from deltact_fab.sensor import CameraModel, SensorDimensions, parse_indenter
 
 from ..protocols.motion import WALL_CLOCK_PACE, RigPace
-from ..protocols.plan import Protocol
+from ..protocols.plan import Protocol, expand_protocol
 from .camera.model import load_view, open_camera, view_notes
 from .config import GrblConfig
 from .force.guard import GuardLimits
@@ -76,8 +76,8 @@ class GrblKind(RigKind):
     def undeclared_lengths(self, protocol: Protocol) -> list[str]:
         """Indenters without a declared length; none when the protocol uses only one."""
         config = self._config
-        missing = [name for name in protocol.indenters if name not in config.tools]
-        if len(protocol.indenters) < 2 or not missing or config.touch is None:
+        missing = [name for name in protocol.tips if name not in config.tools]
+        if len(protocol.tips) < 2 or not missing or config.touch is None:
             return []
         return [
             f'[tools."{missing[0]}"] length_mm is not declared'
@@ -105,10 +105,11 @@ class GrblKind(RigKind):
             lines += _touch_off_face(touch, protocol, sensor)
             if force is not None:
                 lines += _touch_above_guard(config, touch)
-        if unattended and len(protocol.indenters) > 1:
+        changes = sum(step.kind == "change" for step in expand_protocol(protocol))
+        if unattended and changes > 1:
             lines.append(
-                f"--unattended: {protocol.name!r} has {len(protocol.indenters)} indenters, which "
-                "an operator must change: use a protocol with one"
+                f"--unattended: {protocol.name!r} mounts an indenter {changes} times, which an "
+                "operator must do: use a protocol with one mounting"
             )
         return lines
 
@@ -171,7 +172,7 @@ class GrblRig(Rig):
     def notes(self) -> Iterator[Note]:
         if self.camera is not None:
             yield from view_notes(self._job.view, self._job.recipe.patch_mm)
-        if self._job.air and len(self._job.protocol.indenters) > 1:
+        if self._job.air and len(self._job.protocol.tips) > 1:
             yield Note("indenters", "no indenter was changed: nothing was touched")
 
     def identity(self) -> dict[str, Any]:
@@ -198,7 +199,7 @@ def missing_tables(config: GrblConfig) -> dict[str, str]:
 def _touch_off_face(touch: TouchConfig, protocol: Protocol, sensor: SensorDimensions) -> list[str]:
     """Return a line if an indenter at touch.at_mm reaches beyond the face."""
     lines = []
-    for name in protocol.indenters:
+    for name in protocol.tips:
         reach = parse_indenter(name).footprint_half_mm
         for axis, (centre_mm, half_mm, edge_mm) in enumerate(
             zip(touch.at_mm, reach, sensor.skin.opening_half_mm, strict=True)

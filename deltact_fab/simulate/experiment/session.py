@@ -16,6 +16,7 @@ from deltact_fab.bench import (
     RunNote,
     RunProgress,
     RunWriter,
+    Step,
     VirtualConfig,
     carry_out_steps,
     check_run,
@@ -132,7 +133,7 @@ def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
 def run_presses(
     job: RigSetup, rig: VirtualConfig, source: Path, presses: Collection[str]
 ) -> VirtualRig:
-    """Carry out presses (`indenter/position`) of a job alone, as the whole run has them.
+    """Carry out presses of a job, by name, alone, as the whole run has them.
 
     What a press gives depends on the seed and its name, not on what came before it; so presses can
     be carried out anywhere, in any order, and are those of the whole run but for the time of day.
@@ -142,13 +143,14 @@ def run_presses(
     """
     from ..virtual.rig import VirtualKind
 
-    plan = expand_protocol(job.protocol)
-    mounted = {step.indenter for step in plan if step.press in presses}
-    steps = [
-        step
-        for step in plan
-        if step.press in presses or (step.kind == "change" and step.indenter in mounted)
-    ]
+    steps: list[Step] = []
+    for step in expand_protocol(job.protocol):
+        if step.kind == "change" and steps and steps[-1].kind == "change":
+            steps.pop()  # nothing was pressed after it
+        if step.kind == "change" or step.press in presses:
+            steps.append(step)
+    if steps and steps[-1].kind == "change":
+        steps.pop()
     kind = VirtualKind(rig, source)
     meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
@@ -173,7 +175,8 @@ def run_metadata(job: RigSetup, rig: RigConfig, rig_name: str) -> dict[str, Any]
         "rig_name": rig_name,
         "rig": rig.recorded(),
         "sensor": asdict(job.sensor),
-        "shapes": describe_indenters(job.protocol.indenters),
+        "presses": [press.as_dict() for press in job.protocol.list_presses()],
+        "shapes": describe_indenters(job.protocol.tips),
         "camera": job.view.as_dict() if job.view is not None else None,
         "simulated": rig.simulated or rig.served,
         "air": job.air,

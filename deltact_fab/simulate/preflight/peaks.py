@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from deltact_fab.bench import Protocol
-from deltact_fab.common import InputError, Point, Progress, SolverError
+from deltact_fab.bench import Press, Protocol
+from deltact_fab.common import InputError, Point, Point2, Progress, SolverError
 from deltact_fab.sensor import (
     GelMaterial,
     Indenter,
@@ -218,6 +218,7 @@ class Peak:
     is no solution, else empty. `high` is MODULUS_FACTOR times all of it.
     """
 
+    press: str
     indenter: str
     position: int
     at_mm: tuple[float, float]
@@ -253,7 +254,9 @@ def predict_peaks(
     progress: Progress | None = None,
     solve: bool = True,
 ) -> list[Peak] | None:
-    """Peaks in the order of the plan; solve False: None where that would take more than seconds.
+    """Peaks in the order of the plan, of repeats once.
+
+    solve False: None where that would take more than seconds.
 
     The normal force is that of `press_curve`. Free sides make a gel softer, so a press takes
     the curve of a place up to GRID of the thickness nearer to the centre; mirror images share one.
@@ -266,22 +269,22 @@ def predict_peaks(
     specimen = protocol.specimen
     material = GelMaterial(specimen.modulus_mpa, specimen.poisson, specimen.friction)
     skin = sensor.skin
-    curves: dict[tuple[str, tuple[float, float]], PressCurve] = {}
+    curves: dict[tuple[str, Point2], PressCurve] = {}
     peaks = []
-    for name in protocol.indenters:
-        indenter = parse_indenter(name)
-        for number, at_mm in enumerate(protocol.positions_mm, start=1):
-            place = _inner_node(at_mm, GRID_SHARE * skin.thickness_mm)
-            if (name, place) not in curves:
-                curve = press_curve(
-                    skin, material, indenter, place, protocol.depths_mm, progress, solve
-                )
-                if curve is None:
-                    return None
-                curves[name, place] = curve
-            curve = curves[name, place]
-            for depth in protocol.depths_mm:
-                peaks.append(_peak_at(protocol, indenter, number, at_mm, depth, curve, origin_mm))
+    depths_mm: dict[tuple[str, Point2], set[float]] = {}
+    presses: dict[Press, tuple[Press, tuple[str, Point2]]] = {}
+    for press in protocol.list_presses():
+        node = press.indenter, _inner_node(press.at_mm, GRID_SHARE * skin.thickness_mm)
+        depths_mm.setdefault(node, set()).update(press.depths_mm)
+        presses.setdefault(replace(press, name="", number=0, role="fit", mounting=0), (press, node))
+    for press, node in presses.values():
+        if node not in curves:
+            shape, stops_mm = parse_indenter(press.indenter), sorted(depths_mm[node])
+            curve = press_curve(skin, material, shape, node[1], stops_mm, progress, solve)
+            if curve is None:
+                return None
+            curves[node] = curve
+        peaks += [_peak_at(protocol, press, d, curves[node], origin_mm) for d in press.depths_mm]
     return peaks
 
 
@@ -300,38 +303,39 @@ def _inner_node(at_mm: tuple[float, float], grid_mm: float) -> tuple[float, floa
 
 
 def _peak_at(
-    protocol: Protocol, indenter: Indenter, number: int, at_mm: tuple[float, float],
-    depth_mm: float, curve: PressCurve, origin_mm: Point | None,
-) -> Peak:  # fmt: skip
+    protocol: Protocol, press: Press, depth_mm: float, curve: PressCurve, origin_mm: Point | None
+) -> Peak:
     unit_n, level = curve.normal_n(depth_mm)
     specimen = protocol.specimen
     # Before any relaxation: a Prony series adds its shares to the long-term modulus.
     normal = unit_n * (specimen.modulus_mpa * (1.0 + math.fsum(g for g, _ in specimen.prony)))
     friction = specimen.friction
     side = PRESS_SIDE * normal
-    if protocol.shear and level == "linear":
+    if press.shear and level == "linear":
         side = max(side, LINEAR_SHEAR * friction * normal)
-    elif protocol.shear:
+    elif press.shear:
         side = max(DRAG_SHEAR * friction, DRAG_FLANK) * normal
         normal *= DRAG_NORMAL
     moment = None
     if origin_mm is not None:
-        moment = _moment_nmm(protocol, indenter, at_mm, depth_mm, normal, side, origin_mm)
+        moment = _moment_nmm(press, depth_mm, normal, side, origin_mm)
     reason = curve.ended if level in ("extrapolated", "bound") else ""
-    return Peak(indenter.name, number, at_mm, depth_mm, normal, side, moment, level, reason)
+    return Peak(
+        press.name, press.indenter, press.number, press.at_mm, depth_mm, normal, side, moment,
+        level, reason,
+    )  # fmt: skip
 
 
 def _moment_nmm(
-    protocol: Protocol, indenter: Indenter, at_mm: tuple[float, float], depth_mm: float,
-    normal_n: float, side_n: float, origin_mm: Point,
-) -> Point:  # fmt: skip
+    press: Press, depth_mm: float, normal_n: float, side_n: float, origin_mm: Point
+) -> Point:
     """Bounds of r x F; r runs from the origin to wherever the force may act."""
-    shear = protocol.shear
-    arms = []
-    for axis, letter in enumerate("xy"):
-        travel = shear.at_depth_mm(depth_mm) if shear and letter in shear.axes else 0.0
-        offset_mm = OFF_CENTRE * indenter.footprint_half_mm[axis]
-        arms.append(abs(at_mm[axis] - origin_mm[axis]) + travel + offset_mm)
-    x, y = arms
+    half_mm = parse_indenter(press.indenter).footprint_half_mm
+    x, y = (
+        abs(at - origin) + drag + OFF_CENTRE * half
+        for at, origin, drag, half in zip(
+            press.at_mm, origin_mm, press.reach_mm(depth_mm), half_mm, strict=False
+        )
+    )
     z = max(abs(origin_mm[2]), abs(origin_mm[2] + depth_mm))
     return (y * normal_n + z * side_n, x * normal_n + z * side_n, math.hypot(x, y) * side_n)

@@ -75,7 +75,7 @@ class VirtualCamera:
         """A new press: its noise depends on the seed and its name, not on what came before."""
         self._stream = stream
         self._frames = []
-        self.scene.begin()
+        self.scene.begin(stream)
         self._rng = FrameRenderer.noise(self.seed, stream)
 
     def capture(self) -> CameraFrame:

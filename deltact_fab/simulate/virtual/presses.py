@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltact_fab.bench import GelConfig, Protocol, expand_protocol
-from deltact_fab.common import Field, InputError, Note, Point
+from deltact_fab.common import Field, InputError, Note, Point, Point2
 from deltact_fab.physics import (
     CONTACT_EPS_MM,
     Choice,
@@ -36,7 +36,7 @@ REST_GROWTH = 1.5  # measured: see `rest_s`, error of at most 0.012 of a branch
 
 @dataclass(frozen=True, eq=False)
 class PlannedPress:
-    """solver: of the path's knots. name: `indenter/position`. waypoints: ends of its lines."""
+    """solver: of the path's knots. name: as of `PressPath`. waypoints: ends of its lines."""
 
     solver: PathSolver
     name: str = ""
@@ -82,6 +82,7 @@ class Presses:
         self.relaxing_s = tuple(tau for g, tau in specimen.prony if g > 0)
         self.material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
         self.paths = press_paths(protocol)
+        self._by_name = {path.press: path for path in self.paths}
         self.open_presses: list[PlannedPress] = []
         self._skin = skin
         finite, linear = config.hyperelastic, self.level == "linear"
@@ -106,21 +107,22 @@ class Presses:
         press = self._waiting[first.press] = self._press(first)
         return press.solver.axes_mm
 
-    def open(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
-        """The planned press of an indenter at a place. Raises InputError where there is none."""
-        for path in self.paths:
-            matches = all(abs(a - b) <= NEAR_MM for a, b in zip(path.at_mm, at_mm, strict=True))
-            if path.indenter == indenter and matches:
-                return self.planned_press(path)
-        raise InputError(f"no press of {indenter} is planned at ({at_mm[0]:g}, {at_mm[1]:g}) mm")
+    def open(self, name: str, indenter: str, at_mm: Point2) -> PlannedPress:
+        """The planned press of a name; InputError if it has another indenter or place."""
+        path = self.path(name)
+        distance_mm = math.dist(path.at_mm, at_mm)
+        if path.indenter != indenter or distance_mm > NEAR_MM:
+            raise InputError(
+                f"press {name}: planned with {path.indenter} at ({path.at_mm[0]:g}, "
+                f"{path.at_mm[1]:g}) mm, not {indenter} at ({at_mm[0]:g}, {at_mm[1]:g}) mm"
+            )
+        return self.planned_press(path)
 
     def path(self, name: str) -> PressPath:
         """A planned press by its name, as `sphere-10/p1`. Raises InputError."""
-        for path in self.paths:
-            if path.press == name:
-                return path
-        names = ", ".join(path.press for path in self.paths)
-        raise InputError(f"no press {name!r}; valid: {names}")
+        if name not in self._by_name:
+            raise InputError(f"no press {name!r}; valid: {', '.join(self._by_name)}")
+        return self._by_name[name]
 
     def planned_press(self, path: PressPath) -> PlannedPress:
         press = self._waiting.pop(path.press, None) or self._press(path)
@@ -158,7 +160,7 @@ class LineMove:
 class PressPath:
     """The moves of a planned press that end in contact, and its filmed way out of it.
 
-    press: `indenter/position`.
+    press: its name in the protocol, as `sphere-10/p1`.
     """
 
     press: str
@@ -256,10 +258,11 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     level, thickness_mm = specimen.gel_model, sensor.skin.thickness_mm
     if protocol.weights is not None:
         raise InputError(f"{source}: weights: not available on a virtual rig")
-    deepest = max(protocol.depths_mm)
+    key = "press.depth_mm" if protocol.press else "depths_mm"
+    deepest = protocol.stops_mm[-1]
     if deepest >= thickness_mm:
         raise InputError(
-            f"{source}: depths_mm: {deepest:g} mm is not less than the gel's thickness of "
+            f"{source}: {key}: {deepest:g} mm is not less than the gel's thickness of "
             f"{thickness_mm:g} mm: no gel level can be pressed that deep"
         )
     poisson_max = poisson_limit(level)
@@ -271,9 +274,10 @@ def require_gel_level(protocol: Protocol, sensor: SensorDimensions, source: str)
     if level != "linear":
         return
     material = GelMaterial(1.0, specimen.poisson, specimen.friction, specimen.prony)
-    key = "specimen.prony" if specimen.prony else "depths_mm"
-    for indenter in map(parse_indenter, protocol.indenters):
-        if refusal := LinearContact.refusal(sensor.skin, material, indenter, deepest):
+    key = "specimen.prony" if specimen.prony else key
+    for name, depth_mm in sorted({(p.indenter, p.depths_mm[-1]) for p in protocol.list_presses()}):
+        shape = parse_indenter(name)
+        if refusal := LinearContact.refusal(sensor.skin, material, shape, depth_mm):
             raise InputError(
                 f"{source}: {key}: {refusal}: beyond level {level!r}; this protocol needs the "
                 "level 'hyperelastic'"

@@ -71,7 +71,7 @@ class VirtualForce(NetFTSensor):
         """Re-seed, then tare as the real client does."""
         self._box.reseed(stream)
         if self._scene is not None:
-            self._scene.begin()
+            self._scene.begin(stream)
         super().begin(stream)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.bench import Clock
-from deltact_fab.common import Point
+from deltact_fab.common import Point, Point2
 from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot, Zones
 from deltact_fab.sensor import StageFrame, SurfaceLattice
 
@@ -111,7 +111,7 @@ def _nodes_within(nodes: NDArray[np.float64], half_mm: float) -> slice:
 class GelScene:
     """Observes the gel at the present time of the controller.
 
-    presses: opens the press of an indenter at a place, solved for a modulus of 1 MPa. crop: cuts
+    presses: opens a press by name, indenter and place, solved for a modulus of 1 MPa. crop: cuts
     the surface field for the camera; None when nothing is drawn. knots: of the press, rest first,
     their displacements cut, for the gel's own modulus.
     """
@@ -120,7 +120,7 @@ class GelScene:
     clock: Clock
     frame: StageFrame
     increments: Increments
-    presses: Callable[[str, tuple[float, float]], PlannedPress]
+    presses: Callable[[str, str, Point2], PlannedPress]
     crop: Callable[[NDArray[np.floating]], NDArray[np.float32]] | None
     modulus_mpa: float = 1.0
 
@@ -140,11 +140,11 @@ class GelScene:
         self._indenter, self._press = indenter, None
         self._settle(self._rest, 0)
 
-    def begin(self) -> None:
+    def begin(self, name: str) -> None:
         """Start a press where the tip is: knots are numbered from 1 again, 0 is the rest."""
         self.observe()
         x, y, _ = self.frame.to_sensor_mm(self.controller.position_mm())
-        self._press = press = self.presses(self._indenter, (x, y))
+        self._press = press = self.presses(name, self._indenter, (x, y))
         rest = no_traction = zones = None
         if self.crop is not None:
             nothing = np.zeros((len(self.axes_mm[1]), len(self.axes_mm[0]), 3), np.float32)

@@ -67,16 +67,16 @@ def _simulated(request: StudyRequest) -> StudyResult:
         data, request.seed, lambda model, error: scene.calibration(name, model, error), source=name
     )
     plan = RunEstimate.from_protocol(protocol, 0, scene.rig.stage)
-    deepest, shear = protocol.depths_mm[-1], protocol.shear
-    stops = (plan.settled // plan.presses - 1) // len(protocol.depths_mm) if plan.presses else 0
+    deepest, shear = protocol.stops_mm[-1], protocol.shear
+    stops = (plan.settled // plan.presses - 1) // len(protocol.stops_mm) if plan.presses else 0
     return build_result(
         result,
         scale=parse_scale(request.scale),
         settings={
-            "protocol": f"{protocol.name}: {len(protocol.indenters)} indenters at "
-            f"{len(protocol.positions_mm)} positions, {stops} settled points at each of "
-            f"{len(protocol.depths_mm)} depths and one at rest: {plan.settled} points",
-            "depths": ", ".join(f"{d:g}" for d in protocol.depths_mm) + " mm",
+            "protocol": f"{protocol.name}: {len(protocol.tips)} indenters at "
+            f"{len(protocol.places_mm)} positions, {stops} settled points at each of "
+            f"{len(protocol.stops_mm)} depths and one at rest: {plan.settled} points",
+            "depths": ", ".join(f"{d:g}" for d in protocol.stops_mm) + " mm",
             "shear": f"to +-{shear.at_depth_mm(deepest) if shear else 0:g} mm along x and y at the "
             "deepest",
             "frames": f"{plan.frames}, the tip moves at most {plan.between_frames_mm:.2g} mm per "
@@ -150,24 +150,18 @@ def scale_protocol(protocol: Protocol, scale: float) -> Protocol:
     cross-validation is unseen. Raises InputError for another scale.
     """
     target = parse_scale(scale) * count_points(protocol)
-    places, depths_mm = protocol.positions_mm, protocol.depths_mm
-    first_depth = {"indenters": protocol.indenters[:1], "positions_mm": places[:1],
-           "depths_mm": depths_mm[:1]}  # fmt: skip
-    of_depth = count_points(protocol.model_copy(update=first_depth)) - 1
+    places, depths_mm = protocol.places_mm, protocol.stops_mm
+    of_depth = count_points(protocol.narrowed(protocol.tips[:1], places[:1], depths_mm[:1])) - 1
     candidates = [
-        (len(protocol.indenters) * p * (1 + d * of_depth), p, d)
+        (len(protocol.tips) * p * (1 + d * of_depth), p, d)
         for p in range(min(MIN_KEPT, len(places)), len(places) + 1)
         for d in range(min(MIN_KEPT, len(depths_mm)), len(depths_mm) + 1)
     ]
     _, p, d = min(candidates, key=lambda c: (abs(math.log(c[0] / target)), -c[1]))
     last, steps = len(depths_mm) - 1, max(d - 1, 1)
-    return protocol.model_copy(
-        update={
-            "positions_mm": tuple(places[n] for n in sorted(order_places(places)[:p])),
-            "depths_mm": tuple(
-                depths_mm[last - round(last * k / steps)] for k in reversed(range(d))
-            ),
-        }
+    return protocol.narrowed(
+        places_mm=[places[n] for n in order_places(places)[:p]],
+        stops_mm=[depths_mm[last - round(last * k / steps)] for k in range(d)],
     )
 
 

@@ -64,7 +64,7 @@ def _simulated(request: StudyRequest) -> StudyResult:
     selection = Selection.from_request(request)
     part, protocol, rig = selection.part, selection.protocol, selection.scene.rig.virtual
     request.say(
-        f"{len(selection.entries)} patterns x {len(protocol.indenters)} indenters: {part.words}; "
+        f"{len(selection.entries)} patterns x {len(protocol.tips)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
     selection.scene.solve_gels(request)
@@ -218,12 +218,12 @@ def thin_protocol(full: Protocol, scale: float) -> Protocol:
     if scale >= 1 or full.shear is None or full.shear.amplitude_mm is None:
         return full
     target = scale * frames_per_indenter(full)
-    count = math.ceil(scale * len(full.positions_mm) - 1e-9)
+    count = math.ceil(scale * len(full.places_mm) - 1e-9)
     rate_hz = full.capture.rate_hz
     assert rate_hz is not None, "the paper's protocol films its drags"
     step_mm = full.motion.shear_feed_mm_min / 60 / rate_hz
     longest = int(full.shear.amplitude_mm / step_mm)
-    fewer = full.model_copy(update={"positions_mm": full.positions_mm[:count]})
+    fewer = full.narrowed(places_mm=full.places_mm[:count])
     if frames_per_indenter(fewer) <= target:
         return fewer
     one_step, two_steps = (frames_per_indenter(_with_drag(fewer, n * step_mm)) for n in (1, 2))
@@ -240,17 +240,17 @@ def _with_drag(protocol: Protocol, amplitude_mm: float) -> Protocol:
 
 def frames_per_indenter(protocol: Protocol) -> int:
     """Number of frames per indenter."""
-    first = protocol.model_copy(update={"indenters": protocol.indenters[:1]})
+    first = protocol.narrowed(tips=protocol.tips[:1])
     return sum(step.frames for step in expand_protocol(first))
 
 
 def covered_part(full: Protocol, protocol: Protocol) -> PathPart:
     """Part of the full protocol's path that a reduced one covers."""
     frames, of_frames = frames_per_indenter(protocol), frames_per_indenter(full)
-    positions, share = len(protocol.positions_mm), frames / of_frames
+    positions, share = len(protocol.places_mm), frames / of_frames
     words = (
-        f"{positions} of {len(full.positions_mm)} positions, "
-        f"{' and '.join(f'{d:g}' for d in protocol.depths_mm)} mm deep, "
+        f"{positions} of {len(full.places_mm)} positions, "
+        f"{' and '.join(f'{d:g}' for d in protocol.stops_mm)} mm deep, "
     )
     if protocol.shear and full.shear:
         words += (
@@ -293,12 +293,12 @@ class Selection:
         indenters = _select_names(
             "--indenter",
             [parse_indenter(name).name for name in request.options.get("indenter") or ()],
-            list(full.indenters),
+            list(full.tips),
         )
         series = {entry.name: entry for entry in list_series(request.seed)}
         names = _select_names("--pattern", list(request.options.get("pattern") or ()), list(series))
         protocol = thin_protocol(full, SELECTION_SCALE if request.scale is None else request.scale)
-        protocol = protocol.model_copy(update={"indenters": tuple(indenters)})
+        protocol = protocol.narrowed(tips=indenters)
         scene = PressScene.load(request, {protocol.name: (protocol, source)})
         entries = tuple(series[name] for name in names)
         return cls(scene, protocol.name, covered_part(full, protocol), entries)

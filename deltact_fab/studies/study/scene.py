@@ -102,8 +102,9 @@ class PressScene:
         needs: tuple[str, ...] = ()
         with suppress(DeltactFabError):  # no mesh suffices
             needs = presses.planned_press(path).stored_files
-        # A press does not depend on the other indenters: adding some keeps its key.
-        alone = protocol.model_copy(update={"indenters": (path.indenter,)})
+        # A press does not depend on the other indenters: adding some keeps its key. In a list they
+        # are numbered together.
+        alone = protocol if protocol.press else protocol.narrowed(tips=(path.indenter,))
         if self.rig.camera is not None:
             kind = VirtualKind(self.rig, self.source)
             view, flat = kind.camera(alone, self.sensor), kind.flat(alone)

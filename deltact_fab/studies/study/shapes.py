@@ -121,18 +121,15 @@ def load_scene(request: StudyRequest) -> PressScene:
     """Load the requested scene. Raises InputError, one line, for an unusable one."""
     scale = parse_scale(request.scale)
     loaded = {name: load_protocol(name) for name in ALL_SETS}
-    changed: dict[str, dict[str, Any]] = {FORCE_SMALL: {"indenters": [FORCE_INDENTER]}}
-    for name in (*OBJECT_SETS, TWIST_PRESS):
-        places = loaded[name][0].positions_mm
-        count = 1 if name == TWIST_PRESS else max(1, round(scale * len(places)))
-        changed[name] = {"positions_mm": places[:count]}
-    protocols = {
-        name: (
-            Protocol.model_validate(protocol.model_dump(mode="json") | changed.get(name, {})),
-            source,
-        )
-        for name, (protocol, source) in loaded.items()
-    }
+    protocols = {}
+    for name, (protocol, source) in loaded.items():
+        if name == FORCE_SMALL:
+            protocol = protocol.narrowed(tips=[FORCE_INDENTER])
+        elif name in (*OBJECT_SETS, TWIST_PRESS):
+            places = protocol.places_mm
+            count = 1 if name == TWIST_PRESS else max(1, round(scale * len(places)))
+            protocol = protocol.narrowed(places_mm=places[:count])
+        protocols[name] = protocol, source
     return PressScene.load(request, protocols)
 
 
@@ -140,15 +137,15 @@ def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, s
     """Settings of the presses in words."""
     box = scene.rig.stage
     first, hat, ball, force, twist = (scene.protocols[name] for name in ALL_SETS)
-    places = ", ".join(f"({x:g}, {y:g})" for x, y in twist.positions_mm)
+    places = ", ".join(f"({x:g}, {y:g})" for x, y in twist.places_mm)
     return {
-        "objects": "; ".join(f"{', '.join(p.indenters)} to {_depths(p)} mm" for p in (first, hat)),
-        "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.positions_mm)} mm",
-        "depth calibrated on": f"{ball.indenters[0]} at {_depths(ball)} mm (protocol {BALL_PRESS})",
-        "force calibrated on": f"{', '.join(force.indenters)}, {len(force.positions_mm)} positions"
+        "objects": "; ".join(f"{', '.join(p.tips)} to {_depths(p)} mm" for p in (first, hat)),
+        "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.places_mm)} mm",
+        "depth calibrated on": f"{ball.tips[0]} at {_depths(ball)} mm (protocol {BALL_PRESS})",
+        "force calibrated on": f"{', '.join(force.tips)}, {len(force.places_mm)} positions"
         f", {RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE_SMALL}); "
         f"model {FORCE_MODEL}",
-        "twist": f"{twist.indenters[0]} at {places} mm, sheared around a grid",
+        "twist": f"{twist.tips[0]} at {places} mm, sheared around a grid",
         "frames": f"the tip moves at most "
         f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm per frame",
         **scene.settings(gel),
@@ -156,7 +153,7 @@ def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, s
 
 
 def _depths(protocol: Protocol) -> str:
-    return ", ".join(f"{depth:g}" for depth in protocol.depths_mm)
+    return ", ".join(f"{depth:g}" for depth in protocol.stops_mm)
 
 
 def build_result(

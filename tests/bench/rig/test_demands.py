@@ -79,7 +79,7 @@ def test_each_missing_table_is_named(tmp_path: Path) -> None:
 def test_change_of_indenter_is_refused_unattended(tmp_path: Path) -> None:
     two = '"sphere:10", "star"'
     text = refused(tmp_path, STAGE + FORCE + TOUCH, two, unattended=True)
-    assert "--unattended: 'poses' has 2 indenters, which an operator must change" in text
+    assert "--unattended: 'poses' mounts an indenter 2 times, which an operator must do" in text
 
 
 @pytest.mark.slow

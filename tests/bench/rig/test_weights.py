@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from deltact_fab.bench.protocols.plan import DeadWeights, Protocol
+from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.protocols.tables import DeadWeights
 from deltact_fab.bench.record.check import check_run
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.bench.rig import config, weights

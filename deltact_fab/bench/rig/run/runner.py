@@ -149,7 +149,7 @@ class Runner:
         """
         step, previous = steps[i], steps[i - 1]
         if step.kind != "change" and step.indenter != self._mounted:
-            change = next(s for s in steps if s.kind == "change" and s.indenter == step.indenter)
+            change = next(s for s in reversed(steps[:i]) if s.kind == "change")
             self._go(change)
             self._change(change)
             if change == previous:

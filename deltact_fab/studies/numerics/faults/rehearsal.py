@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.bench import GrblStage, open_run, read_press_rows
+from deltact_fab.bench import GrblStage, open_run
 from deltact_fab.common import DeltactFabError, Progress, RunFailed, run_each
 from deltact_fab.simulate import FaultBench, FaultScenario
 
@@ -51,13 +51,13 @@ class FaultMatrix:
         self._undisturbed = folder / "undisturbed"
         self.begun = folder / "begun"
         FaultBench(self.scenario).run(self._undisturbed)
-        self.undisturbed_rows = read_press_rows(self._undisturbed)
+        self.undisturbed_rows = open_run(self._undisturbed).press_rows()
         # A run stopped in its second press.
         assert run_outcome(FaultBench(self.scenario), self.begun, self._stop) != "success"
         # The interrupted press is repeated from its start: none of its rows is kept.
         self.committed = {
             table: [row for row in part if not str(row[0]).startswith(self.scenario.second)]
-            for table, part in read_press_rows(self.begun).items()
+            for table, part in open_run(self.begun).press_rows().items()
         }
         self.at_s = self._moments()
 
@@ -84,7 +84,7 @@ class FaultMatrix:
 
         all_rows: compare all rows, not only ids and images.
         """
-        rows = read_press_rows(folder)
+        rows = open_run(folder).press_rows()
         for table in rows if all_rows else ():
             if rows[table] != self.undisturbed_rows[table]:
                 return f"{table} differ from the undisturbed run's"
@@ -99,7 +99,7 @@ class FaultMatrix:
 
     def lost_row(self, folder: Path, committed: PressRows) -> str:
         """First committed row that is missing or changed, or ""."""
-        current = read_press_rows(folder)
+        current = open_run(folder).press_rows()
         for table in ("frames", "steps"):
             by_id = {row[0]: row for row in current[table]}
             for row in committed[table]:
