@@ -163,10 +163,6 @@ class Run:
         stored = self.meta["protocol"].get("weights")
         return None if stored is None else validate(DeadWeights, stored, str(self.folder))
 
-    def press_roles(self) -> dict[str, str]:
-        """Role (fit, validate, reference) by press; presses not named are "fit"."""
-        return {press["name"]: press["role"] for press in self.meta.get("presses", [])}
-
     @property
     def simulated(self) -> bool:
         """True when no hardware was involved."""

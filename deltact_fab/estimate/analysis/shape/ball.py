@@ -1,4 +1,4 @@
-"""Depth calibration on one press of a ball, from its radius, the stage's positions and images."""
+"""Depth calibration on presses of a ball, from its radius, the stage's positions and images."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DOUBTFUL_GAIN, MAX_DEPTH_GAIN = 2.0, 3.0
 class DepthCalibration:
     """A model of the depth and its source.
 
-    diameter_mm: of the ball. depths_mm: of the press, stop by stop. error_mm: mean distance
+    diameter_mm: of the ball. depths_mm: of the stops. error_mm: mean distance
     to the ball over the points that certainly touch, in the calibration's own frames. dragged:
     number of stops not used, as the ball was dragged along the face.
     """
@@ -88,15 +88,14 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """Calibrate depth on the first press of a ball in a run, without the stops of drags.
-
-    Presses of other roles than fit are not used.
+    """Calibrate depth on the presses of a run's first ball, by their stops without a drag.
 
     force: a force calibration, whose gel replaces the design's: a measurement that uses both then
     inverts the face once.
 
-    Uses the images and stage positions of the settled frames and the ball's diameter. Raises
-    InputError for a run that is unfinished, has no images or no ball pressed 0.3 mm deep.
+    Uses the images and stage positions of the settled frames and the ball's diameter, of presses of
+    role "fit". Raises InputError for a run that is unfinished, has no images or no ball pressed
+    0.3 mm deep.
     """
     run = open_run(folder)
     frames = read_frames(run, "shape")
@@ -108,43 +107,43 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
             f"{folder}: no press of a sphere in this run (indenters: {names}); depth calibration "
             "needs one, as in the protocol 'ball-press'"
         )
-    press = str(balls["press"].iloc[0])
-    diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
+    ball = str(balls["indenter"].iloc[0])
+    diameter_mm = float(ball.removeprefix("sphere:"))
     view = view_of_run(run)
     if force is not None:
         calibration = load_force(force)
         require_same_sensor(calibration.head, sensor_of(run), str(force))
         view = calibration.view(view)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_PRESS_MM))
-    parts, depths = [], []
-    rows = settled_rows(run.frames(press))
-    dragged = (rows["kind"] == "shear").to_numpy()
-    tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    flows = settled_flows(run, press, FaceFlow.SPACING_PX)
-    for tip, aside, flow in zip(tips, dragged, flows, strict=True):
-        if aside or not (
-            -tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER
-        ):
-            continue
-        expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
-        touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
-        measured = finder.find(flow).depth_mm
-        parts.append(np.stack((measured[touching], expected[touching])))
-        depths.append(-float(tip[2]))
+    parts, depths, dragged = [], [], 0
+    for press in dict.fromkeys(balls.loc[balls["indenter"] == ball, "press"]):
+        rows = settled_rows(run.frames(press))
+        flows = settled_flows(run, press, FaceFlow.SPACING_PX)
+        tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+        dragged += int((rows["kind"] == "shear").sum())
+        for kind, tip, flow in zip(rows["kind"], tips, flows, strict=True):
+            covered = flow.trusted and flow.cover >= MIN_DEPTH_COVER
+            if kind == "shear" or not (-tip[2] >= MIN_PRESS_MM and covered):
+                continue
+            expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
+            touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
+            measured = finder.find(flow).depth_mm
+            parts.append(np.stack((measured[touching], expected[touching])))
+            depths.append(-float(tip[2]))
     measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
     if not measured.any():
         raise InputError(
-            f"{folder}: press {press}: no undragged frame with the sphere {MIN_PRESS_MM} mm "
-            "deep or more and a trusted flow"
+            f"{folder}: {ball}: no frame before a drag, {MIN_PRESS_MM} mm deep or more and with "
+            "a trusted flow"
         )
     gain = float(measured @ expected / (measured @ measured))
     if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
         raise InputError(
-            f"{folder}: press {press}: the measured depth is {1 / gain:.2g} times the sphere's; "
+            f"{folder}: {ball}: the measured depth is {1 / gain:.2g} times the sphere's; "
             "check its diameter and the stage's zero at the face"
         )
     return DepthCalibration(
         head_of([run], "depth"),
         DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
-        float(np.abs(gain * measured - expected).mean()), int(dragged.sum()),
+        float(np.abs(gain * measured - expected).mean()), dragged,
     )  # fmt: skip
