@@ -182,9 +182,7 @@ def force(
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for finding in (result.unrelaxed, result.gel, result.validation, result.reference):
-        if finding is not None:
-            yield finding.line + "\n"
+    yield from (f"{finding}\n" for finding in result.findings)
     head = (
         "model",
         "component",

@@ -160,27 +160,27 @@ def fit(
     in the run; options given here replace them. Friction is the ratio of side force to normal force
     in a light drag, once it is constant.
     """
-    from deltact_fab.estimate import PressCurve
+    from deltact_fab.estimate import StraightPress
     from deltact_fab.physics import MeasuredIndentation, fit_press
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
     notes: list[str] = []
     shape = None if indenter is None else parse_indenter(indenter)
     if source.is_dir():
-        curve = PressCurve.from_run(source, press_name)
+        curve = StraightPress.from_run(source, press_name)
         of_default = click.get_current_context().get_parameter_source
         options |= {
             name: value for name, value in curve.options.items()
             if of_default(name) is ParameterSource.DEFAULT
         }  # fmt: skip
         shape, notes = shape or curve.indenter, curve.notes
-        data = MeasuredIndentation.straight(
+        data = MeasuredIndentation.from_rows(
             curve.name, curve.depth_mm, curve.normal_n, curve.dragged
         )
     elif press_name is not None:
         raise InputError(f"{source}: --press: only for a run folder")
     else:
-        data = MeasuredIndentation.read(source)
+        data = MeasuredIndentation.from_csv(source)
     if shape is None:
         raise InputError(f"{source}: --indenter: needed with a table of depths and forces")
     at_mm, poisson, friction = (options.pop(name) for name in ("at_mm", "poisson", "friction"))

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltact_fab.common import InputError
 
+Groups = Sequence[Hashable] | NDArray[Any]
 Statistic = Callable[[NDArray[np.float64]], float]
 Scale = Literal["plain", "positive", "correlation"]
 
@@ -54,31 +55,20 @@ class Interval(NamedTuple):
         return f"{self.value:.2f} {unit} [{self.low:.2f} to {self.high:.2f}]"
 
     @classmethod
-    def rmse(cls, errors: ArrayLike, groups: Sequence[Hashable] | NDArray[Any], noun: str) -> Self:
+    def rmse(cls, errors: ArrayLike, groups: Groups, noun: str) -> Self:
         """Root mean square of errors (n,) or (n, k) with interval. noun: of a group, singular."""
         return cls.jackknife(
             errors, groups, lambda rows: math.sqrt(float(np.mean(rows**2))), noun, "positive"
         )
 
     @classmethod
-    def mean(
-        cls,
-        values: ArrayLike,
-        groups: Sequence[Hashable] | NDArray[Any],
-        noun: str,
-        scale: Scale = "plain",
-    ) -> Self:
+    def mean(cls, values: ArrayLike, groups: Groups, noun: str, scale: Scale = "plain") -> Self:
         """Mean of values (n,) with interval. noun: of a group, as "seed"."""
         return cls.jackknife(values, groups, lambda rows: float(np.mean(rows)), noun, scale)
 
     @classmethod
     def ratio(
-        cls,
-        above: ArrayLike,
-        below: ArrayLike,
-        groups: Sequence[Hashable] | NDArray[Any],
-        noun: str,
-        level: float = 0.95,
+        cls, above: ArrayLike, below: ArrayLike, groups: Groups, noun: str, level: float = 0.95
     ) -> Self:
         """Ratio of the means of two paired samples (n,), with interval."""
         rows = np.column_stack((above, below))
@@ -88,14 +78,9 @@ class Interval(NamedTuple):
 
     @classmethod
     def jackknife(
-        cls,
-        values: ArrayLike,
-        groups: Sequence[Hashable] | NDArray[Any],
-        statistic: Statistic,
-        noun: str,
-        scale: Scale = "plain",
-        level: float = 0.95,
-    ) -> Self:
+        cls, values: ArrayLike, groups: Groups, statistic: Statistic, noun: str,
+        scale: Scale = "plain", level: float = 0.95,
+    ) -> Self:  # fmt: skip
         """Statistic of values with its jackknife interval over groups.
 
         values: (n, ...), samples (several columns for a ratio). groups: (n,), seed, position or

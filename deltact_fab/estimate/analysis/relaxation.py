@@ -312,7 +312,7 @@ def _decays(series: Series) -> tuple[Field, Field]:
 
 
 @dataclass(frozen=True, eq=False)
-class PressCurve:
+class StraightPress:
     """Depth and normal force of one press of a run up to its first drag, and its gel.
 
     depth_mm, normal_n (n,): one row per report of the stage; the force is that of the relaxed gel
@@ -329,7 +329,7 @@ class PressCurve:
     notes: list[str]
 
     @classmethod
-    def from_run(cls, folder: Path, press: str | None = None) -> PressCurve:
+    def from_run(cls, folder: Path, press: str | None = None) -> StraightPress:
         """Read a press; None: the only one. Raises InputError with the names of all presses."""
         run = open_run(folder)
         steps, specimen = run.steps(), run.meta["protocol"]["specimen"]

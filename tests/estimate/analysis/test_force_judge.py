@@ -19,7 +19,6 @@ from deltact_fab.estimate.analysis.force.judge import (
     folds,
     force_figures,
     learning_curve,
-    presses_needed,
     ranking_error_n,
 )
 from deltact_fab.estimate.measure.force import make_features
@@ -114,7 +113,7 @@ def test_splits_with_one_position_or_press() -> None:
     assert list(judged.predicted) == [judged.ranked_by] == ["point"]
     assert force_figures(judged, one)["normal"]["percent_of_range"] > 0
     assert np.isfinite(ranking_error_n(judged, one))
-    assert learning_curve(one, "sums", seed=0) == {}
+    assert learning_curve(one, "sums", seed=0).errors_n == {}
 
 
 def test_learning_curve_falls_to_the_noise() -> None:
@@ -124,11 +123,11 @@ def test_learning_curve_falls_to_the_noise() -> None:
     for press in dict.fromkeys(presses):  # each press answers in its own way
         data.wrench[presses == press] *= rng.normal(1, 0.1)
     curve = learning_curve(data, "sums", seed=0)
-    assert list(curve) == [1, 2, 3, 5, 6]
-    errors = list(curve.values())
+    assert list(curve.errors_n) == [1, 2, 3, 5, 6]
+    errors = list(curve.errors_n.values())
     assert errors[0] > 1.1 * errors[-1]
     assert curve == learning_curve(data, "sums", seed=0)
-    few = presses_needed(curve)
+    few = curve.enough
     assert few is not None
     assert 1 < few <= 6
 

@@ -146,7 +146,7 @@ def test_bad_files_are_refused_by_place(tmp_path: Path, text: str, said: str) ->
     path = tmp_path / "bad.csv"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=said) as why:
-        MeasuredIndentation.read(path)
+        MeasuredIndentation.from_csv(path)
     assert str(path) in str(why.value)
     assert "\n" not in str(why.value)
 
@@ -155,7 +155,7 @@ def test_csv_with_comments_and_drag(tmp_path: Path) -> None:
     path = tmp_path / "good.csv"
     rows = "".join(f"{k}, {k / 4} , {k}, 0.01, x\n" for k in range(8)) + "8, 2, 7, 0.5, x\n"
     path.write_text("\ufeff# bench 2\ntime_s, depth_mm , normal_n, shear_y_mm, operator\n" + rows)
-    data = MeasuredIndentation.read(path)
+    data = MeasuredIndentation.from_csv(path)
     np.testing.assert_array_equal(data.depth_mm, np.arange(8) / 4)
     assert data.dragged == 1
 

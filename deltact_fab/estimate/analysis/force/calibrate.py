@@ -26,7 +26,6 @@ from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, pr
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
     CV_FOLDS,
-    Validation,
     calibrated_errors,
     cross_validate,
     evaluate_features,
@@ -34,9 +33,10 @@ from .judge import (
     force_error_n,
     learning_curve,
     ranking_error_n,
+    validate,
 )
 from .reference import reference_change
-from .result import PAPER_CONDITIONS, ForceResult
+from .result import PAPER_CONDITIONS, ForceResult, unfitted_lines
 
 NO_CAMERA = "camera unknown: the flow is in pixels instead of mm, no calibration is written"
 
@@ -121,7 +121,7 @@ def fit_best_model(
         for name in dict.fromkeys((models[0].name, PAPER_CONDITIONS))
     }
     best = calibration(models[0].model, calibrated_errors(models[0], data))
-    validation = Validation.of_model(models[0].model, all_data)
+    validation = validate(models[0].model, all_data)
     return ForceResult(data, models, best, seed, notes, curves, validation=validation)
 
 
@@ -140,10 +140,9 @@ def transfer_calibration(
     load_features(calibration.model, view, f"{source}: model")
     data = gather_data(runs, (name,), None, progress)
     transferred = transfer(calibration.model, data.of_role("fit"))
-    judged = (Validation.of_model(transferred.model, data), reference_change(runs))
+    lines = unfitted_lines(validate(transferred.model, data), reference_change(runs))
     table = {"of": list(calibration.head.made.runs), **transferred.as_dict()}
     result = _assemble(runs, transferred.model, view_of_run(runs[0]), transfer=table)
-    lines = [finding.line for finding in judged if finding]
     return transferred, result, [*lines, *data.notes, *_run_notes(runs, tables)]
 
 

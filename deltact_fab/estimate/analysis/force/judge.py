@@ -6,7 +6,8 @@ not cross-validated: the gel (`gel.identify_gel`), and the choice of the best fe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -210,8 +211,6 @@ MAX_TRAINING_SHARE = 0.8
 """Largest share of the presses to train on; by hand: the rest must suffice as test data."""
 CURVE_TOLERANCE = 1.1
 """Error that counts as no worse, over that from the most presses; by hand: above noise of draws."""
-
-
 FLAT_SIZES = 2  # that do not improve on fewer presses; by hand: one alone may be chance
 
 
@@ -228,19 +227,15 @@ class LearningCurve:
 
     @property
     def enough(self) -> int | None:
-        """The fewest presses that none of FLAT_SIZES or more larger numbers improves on.
+        """The fewest presses that no FLAT_SIZES or more larger numbers improve on, None: unknown.
 
-        Improves: by more than CURVE_TOLERANCE. None without any.
+        An improvement exceeds CURVE_TOLERANCE.
         """
         sizes, errors_n = list(self.errors_n), list(self.errors_n.values())
-        return next(
-            (
-                sizes[k]
-                for k in range(len(sizes) - FLAT_SIZES)
-                if errors_n[k] <= CURVE_TOLERANCE * min(errors_n[k + 1 :])
-            ),
-            None,
-        )
+        for k in range(len(sizes) - FLAT_SIZES):
+            if errors_n[k] <= CURVE_TOLERANCE * min(errors_n[k + 1 :]):
+                return sizes[k]
+        return None
 
     @property
     def clause(self) -> str:
@@ -249,14 +244,10 @@ class LearningCurve:
             return f"more than {self.enough} presses improve it little"
         step = self.last_step
         if step is not None and step.high is not None and step.high < 1:
-            before, last = list(self.errors_n)[-2:]
-            change = f"{last} have {step.format('of')} the error of {before}".replace(" of [", " [")
-            return f"more presses would improve it ({change})"
+            fewer, last = list(self.errors_n)[-2:]
+            change = f"error of {last} over that of {fewer}: {step.value:.2f}"
+            return f"more presses would improve it ({change} [{step.low:.2f} to {step.high:.2f}])"
         return "unknown if more presses would improve it"
-
-    def as_dict(self) -> dict[str, Any]:
-        step = self.last_step
-        return {"enough": self.enough, "last_step": None if step is None else step._asdict()}
 
 
 def learning_curve(data: ForceData, name: str, seed: int) -> LearningCurve:
@@ -267,46 +258,35 @@ def learning_curve(data: ForceData, name: str, seed: int) -> LearningCurve:
     X, press = data.features[name], np.unique(data.points["press"], return_inverse=True)[1]
     count, rng = int(press.max()) + 1, np.random.default_rng(seed)
     errors_n: dict[int, float] = {}
-    squares: list[Array] = []
+
+    def residual(train: Array, test: Array) -> Array:
+        return fit_force(data, name, train).predict(X[test]) - data.wrench[test]
+
     max_presses = int(MAX_TRAINING_SHARE * count)
     for size in sorted({n for n in (*CURVE_SIZES, max_presses) if 0 < n <= max_presses}):
         draws = [(rng.permutation(count) < size)[press] for _ in range(CV_REPEATS)]
-        try:
-            predictions = [fit_force(data, name, train).predict(X[~train]) for train in draws]
-        except InputError:
-            continue
-        residuals = [p - data.wrench[~train] for p, train in zip(predictions, draws, strict=True)]
-        errors_n[size] = force_error_n(np.concatenate(residuals)) or 0.0
-        squares.append(
-            np.concatenate(
-                [
-                    np.column_stack(
-                        ((r[:, :3] ** 2).sum(axis=1), press[~train], np.full(len(r), draw))
-                    )
-                    for draw, (r, train) in enumerate(zip(residuals, draws, strict=True))
-                ]
-            )
-        )
-    return LearningCurve(errors_n, _last_step(squares[-2:]))
-
-
-def _last_step(squares: Sequence[Array]) -> Interval | None:
-    """Ratio of the last two errors; squares: of both, columns square, press, draw."""
-    if len(squares) < 2 or not all(part[:, 0].any() for part in squares):
-        return None
-    rows = np.concatenate(
-        [np.column_stack((part, np.full(len(part), k))) for k, part in enumerate(squares)]
-    )
-
-    def ratio(rows: Array) -> float:
-        before, last = (rows[rows[:, 3] == k, 0].mean() for k in (0, 1))
-        return float(np.sqrt(last / before))
-
+        with suppress(InputError):
+            residuals = [residual(train, ~train) for train in draws]
+            errors_n[size] = force_error_n(np.concatenate(residuals)) or 0.0
+    rows = []
+    with suppress(InputError):  # of the last step: each draw's fewer presses are among its more
+        for draw in range(CV_REPEATS) if len(errors_n) > 1 else ():
+            turn = rng.permutation(count)[press]
+            test = turn >= max(errors_n)
+            pair = (residual(turn < n, test) for n in list(errors_n)[-2:])
+            squares = [(r[:, :3] ** 2).sum(axis=1) for r in pair]
+            rows.append(np.column_stack((*squares, press[test], np.full(test.sum(), draw))))
+    steps = np.concatenate(rows) if rows else np.zeros((1, 4))
+    if not steps[:, :2].any(axis=0).all():
+        return LearningCurve(errors_n)
     of_press, of_draw = (
-        Interval.jackknife(rows, rows[:, k], ratio, noun, "positive")
-        for k, noun in ((1, "press"), (2, "draw"))
-    )
-    return _widest([of_press, of_draw])
+        Interval.jackknife(
+            steps[:, :2], steps[:, k], lambda r: float(np.sqrt(r[:, 1].mean() / r[:, 0].mean())),
+            noun, "positive",
+        )
+        for k, noun in ((2, "press"), (3, "draw"))
+    )  # fmt: skip
+    return LearningCurve(errors_n, _widest((of_press, of_draw)))
 
 
 def _widest(intervals: Iterable[Interval]) -> Interval:
@@ -330,38 +310,10 @@ def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval 
     )
 
 
-@dataclass(frozen=True)
-class Validation:
-    """Errors of a model on presses that nothing was fitted to or chosen by.
-
-    errors: root mean squares with intervals by component, N or N mm.
-    """
-
-    presses: int
-    errors: dict[str, Interval]
-
-    @classmethod
-    def of_model(cls, model: ForceModel, data: ForceData) -> Validation | None:
-        """Validate a model by the points of presses to validate; None without any."""
-        held = data.of_role("validate")
-        if not len(held):
-            return None
-        residual = model.predict(held.features[model.features]) - held.wrench
-        errors = {
-            name: interval
-            for name, axis in WRENCH_LABELS.items()
-            if np.ptp(data.of_role("fit").wrench[:, WRENCH_AXES.index(axis)])
-            and (interval := error_interval(force_component(residual, name)[None], held.points,
-                                            "point")) is not None
-        }  # fmt: skip
-        return cls(held.points["press"].nunique(), errors)
-
-    @property
-    def line(self) -> str:
-        error = self.errors.get("normal")
-        words = "unknown" if error is None else f"{error.format('N')} ({error.over})"
-        return f"validation: {self.presses} presses, normal force to {words}"
-
-    def as_dict(self) -> dict[str, Any]:
-        errors = {name: interval._asdict() for name, interval in self.errors.items()}
-        return {"presses": self.presses, "errors": errors}
+def validate(model: ForceModel, data: ForceData) -> dict[str, Interval]:
+    """Errors of a model by component on presses to validate, which nothing was fitted to."""
+    unseen = data.of_role("validate")
+    residual = model.predict(unseen.features[model.features]) - unseen.wrench
+    errors = {name: force_component(residual, name)[None] for name in WRENCH_LABELS}
+    found = {name: error_interval(e, unseen.points, "point") for name, e in errors.items()}
+    return {name: interval for name, interval in found.items() if interval and len(unseen)}

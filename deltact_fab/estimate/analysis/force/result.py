@@ -26,14 +26,12 @@ from .judge import (
     WRENCH_LABELS,
     EvaluatedModel,
     LearningCurve,
-    Validation,
     cross_validate,
     error_interval,
     force_component,
     force_figures,
     root_mean_square,
 )
-from .reference import ReferenceChange
 
 PAPER_CONDITIONS = "paper"
 DENSITY_FEATURES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
@@ -47,7 +45,8 @@ class ForceResult:
 
     models: best first; the best one is the calibration. curves: by feature set, see
     `learning_curve`. gel: fitted to the presses, None where the design's is kept. unrelaxed:
-    correction of early labels, None: not needed. validation, reference: of presses not fitted.
+    correction of early labels, None: not needed. validation: errors on presses to validate, by
+    component. reference: change of force over the run, %.
     """
 
     COMPONENTS: ClassVar = FORCE_COMPONENTS
@@ -71,8 +70,8 @@ class ForceResult:
     curves: dict[str, LearningCurve] = made_by(default_factory=dict)
     gel: IdentifiedGel | None = None
     unrelaxed: UnrelaxedForces | None = None
-    validation: Validation | None = None
-    reference: ReferenceChange | None = None
+    validation: dict[str, Interval] = made_by(default_factory=dict)
+    reference: Interval | None = None
 
     @property
     def best(self) -> EvaluatedModel:
@@ -157,6 +156,12 @@ class ForceResult:
         values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
         return f"{text}shear to {values} ({parts})"
 
+    @property
+    def findings(self) -> list[str]:
+        """Further results, one line each."""
+        lines = [finding.line for finding in (self.unrelaxed, self.gel) if finding]
+        return [*lines, *unfitted_lines(self.validation, self.reference)]
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the points."""
         source = self.calibration.head.made
@@ -175,14 +180,17 @@ class ForceResult:
             "run_seed": source.seed,
             "split_seed": self.seed,
             "learning_n": {name: curve.errors_n for name, curve in self.curves.items()},
-            "more_presses": self.curve.as_dict(),
+            "more_presses": {
+                "enough": self.curve.enough,
+                "last_step": self.curve.last_step and self.curve.last_step._asdict(),
+            },
             "intervals": {
                 name: interval._asdict()
                 for name in WRENCH_LABELS
                 if (interval := self.error_interval(self.best, name, self.best.ranked_by))
             },
-            "validation": None if self.validation is None else self.validation.as_dict(),
-            "reference": None if self.reference is None else self.reference.as_dict(),
+            "validation": {name: i._asdict() for name, i in self.validation.items()},
+            "reference_percent": self.reference and self.reference._asdict(),
             "gel": None if self.gel is None else asdict(self.gel),
             "early_labels": None if self.unrelaxed is None else asdict(self.unrelaxed),
             "left_out": self.notes,
@@ -258,6 +266,17 @@ class ForceResult:
         if self.calibration.skin is not None:  # None of an imported run `in_pixels`
             files += write_force_calibration(self.calibration, output)
         return files
+
+
+def unfitted_lines(validation: dict[str, Interval], reference: Interval | None) -> list[str]:
+    """Results of the presses that are not fitted, one line per role."""
+    lines = []
+    if error := validation.get("normal"):
+        lines.append(f"validation: normal force to {error.format('N')} ({error.over})")
+    if reference:
+        change = f"normal force changed by {reference.format('%')} over the run"
+        lines.append(f"reference: {change} ({reference.over})")
+    return lines
 
 
 def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:

@@ -56,7 +56,8 @@ class DepthCalibration:
         model = self.model
         return (
             f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "
-            f"{', '.join(f'{depth:.2f}' for depth in self.depths_mm)} mm: gain {model.gain:.3f}; "
+            f"{', '.join(dict.fromkeys(f'{d:.2f}' for d in self.depths_mm))} mm: "
+            f"gain {model.gain:.3f}; "
             f"mean error {self.error_mm:.3f} mm where the sphere certainly touches "
             f"({self.head.origin})."
             + (f"\n{self.dragged} stops not used: dragged along the face" if self.dragged else "")
@@ -74,8 +75,8 @@ class DepthCalibration:
             )
         if max(self.depths_mm) - min(self.depths_mm) < MIN_PRESS_MM:
             reasons.append(
-                f"one depth says nothing of others; stops at two, at least {MIN_PRESS_MM} mm "
-                "apart, are needed"
+                "one depth says nothing of others; stops at least "
+                f"{MIN_PRESS_MM} mm apart are needed"
             )
         return "; ".join(reasons) or None
 

@@ -32,7 +32,7 @@ class MeasuredIndentation:
     dragged: int = 0
 
     @classmethod
-    def read(cls, path: Path | str) -> Self:
+    def from_csv(cls, path: Path | str) -> Self:
         """Read PRESS_COLUMNS, and SHEAR_COLUMNS for a drag; other columns are ignored.
 
         `#` starts a comment. Raises InputError naming file, line and column.
@@ -62,10 +62,10 @@ class MeasuredIndentation:
         table = np.array(rows).reshape(len(rows), len(place))
         dragged = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
         depth_mm, normal_n = table[~dragged, :2].T
-        return cls.straight(str(path), depth_mm, normal_n, int(dragged.sum()))
+        return cls.from_rows(str(path), depth_mm, normal_n, int(dragged.sum()))
 
     @classmethod
-    def straight(cls, name: str, depth_mm: Field, normal_n: Field, dragged: int) -> Self:
+    def from_rows(cls, name: str, depth_mm: Field, normal_n: Field, dragged: int) -> Self:
         """Rows of a press without a drag. Raises InputError for too few, or for wrong signs."""
         if len(depth_mm) < MIN_ROWS:
             raise InputError(
