@@ -191,8 +191,7 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
     """Build the result of the points. scene: further fields (settings, notes, left_out ...)."""
     places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
-    gel_lines = [gel.line for gel in (result.gel, result.unrelaxed) if gel]
-    notes = [LAB_NOTE, *gel_lines] if simulated else gel_lines
+    notes = [*([LAB_NOTE] if simulated else []), *result.findings]
     return StudyResult(
         study="force-calibration",
         title="Force calibration",

@@ -188,6 +188,31 @@ def test_forces_without_modulus_are_refused() -> None:
 
 
 @pytest.mark.slow
+def test_command_on_a_run(mini_run: Path) -> None:
+    """The press of the ball of a run on the linear gel; an option replaces what the run states."""
+    words = [str(mini_run), "--press", "sphere-10/p1", "--spacing", "1", "--json"]
+    found, thin = (
+        json.loads(CliRunner().invoke(command, [*words, *more], catch_exceptions=False).stdout)
+        for more in ([], ["--thickness", "6"])
+    )
+    assert found["modulus_mpa"]["value"] == pytest.approx(0.56, rel=0.05)
+    assert found["at_mm"] == [0.5, -0.5]
+    assert (found["thickness_mm"], thin["thickness_mm"]) == (12, 6)
+    assert thin["modulus_mpa"]["value"] < 0.95 * found["modulus_mpa"]["value"]
+    assert any(note.endswith("along the face on: not fitted") for note in found["notes"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [([], "--indenter: needed"), (["--press", "p1"], "--press: only for a run")]
+)
+def test_command_on_incomplete_table(tmp_path: Path, more: list[str], said: str) -> None:
+    (tmp_path / "press.csv").write_text(HEAD + ROWS)
+    done = CliRunner().invoke(command, [str(tmp_path / "press.csv"), *more])
+    assert isinstance(done.exception, InputError)
+    assert said in str(done.exception)
+
+
+@pytest.mark.slow
 def test_the_command(tmp_path: Path) -> None:
     d = np.linspace(0.0, 3.0, 30)
     n = truth().normal_n(d) + noise(9, len(d))

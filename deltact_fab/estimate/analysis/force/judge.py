@@ -295,12 +295,12 @@ def _widest(intervals: Iterable[Interval]) -> Interval:
 
 
 def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval | None:
-    """RMSE with the wider interval over the units that a split tests on; None if one is nan.
+    """RMSE with the wider interval over the units that a split tests on; None where unknown.
 
     errors: (repeats, n), N or N mm, of points by this split. Units: positions, indenters, presses
     or runs; distinct presses (indenter and position) for single points.
     """
-    if np.isnan(errors).any():
+    if not errors.size or np.isnan(errors).any():
         return None
     columns = ("position", "indenter") if split == "unseen" else (split,)
     groups = {c: points[c] for c in columns if c != "point" and points[c].nunique() > 1}
@@ -312,8 +312,8 @@ def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval 
 
 def validate(model: ForceModel, data: ForceData) -> dict[str, Interval]:
     """Errors of a model by component on presses to validate, which nothing was fitted to."""
-    unseen = data.of_role("validate")
-    residual = model.predict(unseen.features[model.features]) - unseen.wrench
+    data = data.of_role("validate")
+    residual = model.predict(data.features[model.features]) - data.wrench
     errors = {name: force_component(residual, name)[None] for name in WRENCH_LABELS}
-    found = {name: error_interval(e, unseen.points, "point") for name, e in errors.items()}
-    return {name: interval for name, interval in found.items() if interval and len(unseen)}
+    intervals = {name: error_interval(e, data.points, "point") for name, e in errors.items()}
+    return {name: interval for name, interval in intervals.items() if interval}

@@ -25,17 +25,21 @@ def reference_change(runs: Sequence[Run]) -> Interval | None:
         steps = run.steps()
         elapsed_s = (steps["t_end_s"] - steps["t_start_s"]).cumsum()
         for press in presses(run, "reference"):
-            frames, own = settled_rows(run.frames(press)), steps[steps["press"] == press]
+            frames, press_steps = settled_rows(run.frames(press)), steps[steps["press"] == press]
             normal_n = -settled_wrenches(run, press, frames)[0][:, 2]
-            alike = (run.folder, *own[["indenter", "x_mm", "y_mm"]].iloc[0], own["z_mm"].min())
+            tip = (
+                run.folder,
+                *press_steps[["indenter", "x_mm", "y_mm"]].iloc[0],
+                press_steps["z_mm"].min(),
+            )
             force_n = float(normal_n[frames["kind"].isin(PRESS_KINDS)].mean())
-            series.setdefault(alike, []).append(
-                (elapsed_s[own.index[0]] / elapsed_s.iloc[-1], force_n)
+            series.setdefault(tip, []).append(
+                (elapsed_s[press_steps.index[0]] / elapsed_s.iloc[-1], force_n)
             )
     parts = [np.array(part) for part in series.values() if len(part) > 1]
     rows = [
-        (at, 100 * force_n / part[:, 1].mean(), k)
-        for k, part in enumerate(parts) for at, force_n in part
+        (share, 100 * force_n / part[:, 1].mean(), k)
+        for k, part in enumerate(parts) for share, force_n in part
     ]  # fmt: skip
     return Interval.jackknife(rows, range(len(rows)), _common_slope, "press") if rows else None
 

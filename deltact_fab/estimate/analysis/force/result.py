@@ -147,7 +147,8 @@ class ForceResult:
             interval = self.error_interval(model, name, model.ranked_by) if row["range_n"] else None
             error, share = "unknown", "?"
             if interval is not None:
-                error, share = interval.format("N"), f"{row['percent_of_range']:.1f} %"
+                error = interval.format("N") if model is self.best else f"{interval.value:.2f} N"
+                share = f"{row['percent_of_range']:.1f} %"
             words.append((error, f"{share} of {row['range_n']:.1f} N" if row["range_n"] else ""))
         (normal, part), *shears = words
         text = f"normal force to {normal} ({part}), "

@@ -134,8 +134,8 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
     if not measured.any():
         raise InputError(
-            f"{folder}: {ball}: no frame before a drag, {MIN_PRESS_MM} mm deep or more and with "
-            "a trusted flow"
+            f"{folder}: {ball}: no undragged stop {MIN_PRESS_MM} mm deep or more and with a "
+            "trusted flow"
         )
     gain = float(measured @ expected / (measured @ measured))
     if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
