@@ -31,6 +31,35 @@ settle_s = 0.3
 [specimen]
 design = "{design}"
 """
+# 24 presses in random order, with repeats, a drag, two depths at one place, a tip that is mounted
+# twice, and reference presses.
+MIXED = """
+name = "mixed"
+order = "random"
+order_seed = 3
+channels = ["image", "force", "shear"]
+press = [
+    {{indenter = "sphere:6", depth_mm = 0.3, repeats = 3}},
+    {{indenter = "sphere:6", depth_mm = 0.5, repeats = 2}},
+    {{indenter = "sphere:6", depth_mm = 0.4, x_mm = 2.0, shear_x_mm = 0.3, role = "validate"}},
+    {{indenter = "sphere:6", depth_mm = 0.4, x_mm = -2.0, y_mm = 1.0, repeats = 3}},
+    {{indenter = "sphere:8", depth_mm = 0.3, repeats = 2}},
+    {{indenter = "sphere:8", depth_mm = 0.4, y_mm = 1.0, repeats = 2}},
+    {{indenter = "sphere:6", depth_mm = 0.2, repeats = 2}},
+    {{indenter = "sphere:6", depth_mm = 0.5, x_mm = 2.0}},
+]
+[reference]
+every = 4
+depth_mm = 0.4
+[capture]
+settle_s = 0.3
+[motion]
+clearance_mm = 2.0
+press_feed_mm_min = 120.0
+travel_feed_mm_min = 1200.0
+[specimen]
+design = "{design}"
+"""
 DESIGN = """
 [optics]
 image_width_px = 160
@@ -61,11 +90,12 @@ def first_press(run: Path, out: Path) -> Path:
 class ShortRun:
     """protocol, rig: paths of the files. presses: names, in order."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, protocol: str = PROTOCOL, tables: str = "") -> None:
+        """tables: added to the rig file."""
         self.folder, self.protocol, self.rig = folder, folder / "tiny.toml", folder / "bench.toml"
         (folder / "design.toml").write_text(DESIGN)
-        self.protocol.write_text(PROTOCOL.format(design=folder / "design.toml"))
-        self.rig.write_text(RIG)
+        self.protocol.write_text(protocol.format(design=folder / "design.toml"))
+        self.rig.write_text(RIG + tables)
         self.steps = plan.expand_protocol(plan.load_protocol(str(self.protocol))[0])
         self.presses = list(dict.fromkeys(step.press for step in self.steps))
 

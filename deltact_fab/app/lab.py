@@ -17,12 +17,24 @@ from deltact_fab.common import (
     disk_errors,
     read_toml,
     toml_literal,
+    toml_text,
     validate,
     write_new_file,
 )
 from deltact_fab.paths import asset, shipped_folder
 
-from .schema import BY_NAME, FILE_KINDS, ONE_TABLE, FileKind, KeyRow, describe, json_schema, rows
+from .schema import (
+    BY_NAME,
+    FILE_KINDS,
+    MANY_TABLES,
+    ONE_TABLE,
+    PATH_MARKS,
+    FileKind,
+    KeyRow,
+    describe,
+    json_schema,
+    rows,
+)
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HostDevice
@@ -104,16 +116,29 @@ ABOUT_RIG = (
 )
 
 
-def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
-    """Write a protocol that starts from another one, and return its file.
+def protocol(
+    name: str, source: str = "smoke", out: Path | None = None, design: str | None = None
+) -> tuple[Path, list[str]]:
+    """Write a protocol that starts from another one; return its file, and changes for a design.
 
-    Raises InputError as `catalog.write_new`, and for an invalid name or source.
+    Raises InputError as `catalog.write_new`, and for an invalid name, source or design.
     """
     from deltact_fab.bench import load_protocol
 
-    _, path = load_protocol(source, by_hand=True)
-    text = f"Based on {source}; state the purpose of the experiment here."
-    settings = {**read_toml(path), "name": name, "description": text}
+    declared, path = load_protocol(source, by_hand=True)
+    purpose = f"Based on {source}; state the purpose of the experiment here."
+    settings = {**read_toml(path), "name": name, "description": purpose}
+    if settings.pop("presses", None) is not None:  # relative to the other file
+        settings["press"] = [entry.model_dump(exclude_unset=True) for entry in declared.press]
+    changes: list[str] = []
+    if design is not None:
+        from deltact_fab.fabricate import load_design
+
+        from .fit import fit_settings
+
+        old = load_design(declared.specimen.design)
+        settings, changes = fit_settings(settings, old, load_design(design))
+        settings["specimen"] = {**settings.get("specimen", {}), "design": design}
     about = (
         f"An indentation experiment, based on {source!r}. Positions are from the centre of the",
         "resting face: x along its width, y along its length, z out of it. Next:",
@@ -121,7 +146,9 @@ def protocol(name: str, source: str = "smoke", out: Path | None = None) -> Path:
         f"    deltact-fab protocol show {name}",
         f"    deltact-fab run {name} --rig virtual --out {name}-run",
     )
-    return _write("protocol", name, out, commented_toml(FILE_KINDS["protocol"], settings, about))
+    fitted = (f"Fitted to design {design!r}: {line}." for line in changes)
+    text = commented_toml(FILE_KINDS["protocol"], settings, (*about, *fitted))
+    return _write("protocol", name, out, text), changes
 
 
 def design(
@@ -260,12 +287,17 @@ def commented_toml(
         value = _value_at(settings, row.key)
         unset = "" if value is not None or row.required else "#or " if row.instead_of else "#"
         lines.append("")
-        if row.type in (ONE_TABLE, BY_NAME):
-            any_name = row.type == BY_NAME
-            mark = max(marks[table], "" if row.default and not any_name else unset, key=len)
-            marks[f"{row.key}.*" if any_name else row.key] = mark
+        if row.type in (ONE_TABLE, BY_NAME, MANY_TABLES):
+            entries = value if isinstance(value, list) else []
+            required = row.type == ONE_TABLE and row.default
+            mark = max(marks[table], "" if required or entries else unset, key=len)
+            marks[row.key + PATH_MARKS[row.type]] = mark
             lines += _wrap_comment(row.meaning, "## ")
-            lines.append(f"{mark}[{row.key}.{row.example}]" if any_name else f"{mark}[{row.key}]")
+            header = f"{row.key}.{row.example}" if row.type == BY_NAME else row.key
+            header = f"[[{header}]]" if row.type == MANY_TABLES else f"[{header}]"
+            for entry in entries[:-1]:  # the last one explains the keys
+                lines += [header, *toml_text(entry).splitlines(), ""]
+            lines.append(f"{mark}{header}")
             continue
         if value is None:
             value = _value_at(inherited or {}, row.key)
@@ -277,9 +309,10 @@ def commented_toml(
 
 
 def _value_at(data: Any, key: str) -> Any:
-    """Return the value at a dotted path in tables, None if missing."""
+    """Return the value at a dotted path, `[]` for the last entry of a list; None if missing."""
     for name in key.split("."):
-        data = data.get(name) if isinstance(data, Mapping) else None
+        data = data.get(name.removesuffix("[]")) if isinstance(data, Mapping) else None
+        data = data[-1] if name.endswith("[]") and data else data
     return data
 
 

@@ -135,7 +135,7 @@ def _one_line(text: str) -> str:
 
 
 ONE_TABLE, BY_NAME, MANY_TABLES = "table", "tables by name", "list of tables"
-_PATH_MARKS = {ONE_TABLE: "", BY_NAME: ".*", MANY_TABLES: "[]"}
+PATH_MARKS = {ONE_TABLE: "", BY_NAME: ".*", MANY_TABLES: "[]"}
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def _rows(node: dict[str, Any], root: dict[str, Any], prefix: str) -> Iterator[K
             key.get("instead_of", ""),
         )
         if table:
-            yield from _rows(table, root, f"{prefix}{name}{_PATH_MARKS[kind]}.")
+            yield from _rows(table, root, f"{prefix}{name}{PATH_MARKS[kind]}.")
 
 
 def _inner_table(key: dict[str, Any], root: dict[str, Any]) -> tuple[str, dict[str, Any]] | None:

@@ -27,7 +27,9 @@ KIND_KEYS: dict[str, frozenset[str]] = {
         {"base", "skin", "frame", "optics", "body", "indenter", "shape", "module", "bought"}
     ),
     "patterns": frozenset({"law"}),
-    "protocols": frozenset({"indenters", "press", "presses", "capture"}),
+    "protocols": frozenset(
+        {"indenters", "positions_mm", "depths_mm", "capture", "press", "presses"}
+    ),
     "protocols/rigs": frozenset({"stage"}),
 }
 """Top-level keys that identify the kind of a file: one is enough."""
@@ -116,7 +118,7 @@ def _table(name: str, values: Mapping[str, Any]) -> list[str]:
 def toml_literal(value: Any) -> str:
     """Format a value as a TOML literal on one line. Raises ValueError for NaN and infinity."""
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{name} = {toml_literal(item)}" for name, item in value.items())
+        inner = ", ".join(f"{k} = {toml_literal(v)}" for k, v in value.items() if v is not None)
         return f"{{{inner}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(toml_literal, value))}]"

@@ -14,16 +14,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from called import called
-from short_run import ShortRun
+from short_run import MIXED, ShortRun
 
 from deltact_fab.bench.record.files import truth_file
 from deltact_fab.bench.record.journal import CLOCK_COLUMNS, PRESS_TABLES
-from deltact_fab.bench.record.run import open_run
+from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.bench.record.writer import RunWriter
+from deltact_fab.bench.rig.config import VirtualConfig
 from deltact_fab.common.errors import InputError
+from deltact_fab.simulate.experiment.request import RunRequest
+from deltact_fab.simulate.experiment.session import run_presses
 
+DRIFT = ""
 # The command line in a process that kills itself inside the n-th call of a function of the record:
 # `write_whole` (an image), before it or after its rename, or os.fsync (anything).
 KILLED = """
@@ -64,6 +69,11 @@ entry()
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory: pytest.TempPathFactory) -> ShortRun:
     return ShortRun(tmp_path_factory.mktemp("tiny"))
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory: pytest.TempPathFactory) -> ShortRun:
+    return ShortRun(tmp_path_factory.mktemp("mixed"), MIXED, DRIFT)
 
 
 def rows(folder: Path, table: str) -> list[tuple[object, ...]]:
@@ -216,6 +226,45 @@ def test_killed_run_ends_like_undisturbed_one(tiny: ShortRun, tmp_path: Path) ->
         tiny.resume(out)
         assert_equal(tiny, out)
         shutil.rmtree(out)
+
+
+@pytest.mark.slow
+def test_random_order_killed_three_times(mixed: ShortRun, tmp_path: Path) -> None:
+    """With drift, repeats, reference presses; and each press alone, in any order, is the same."""
+    out, images = tmp_path / "r", 0
+    presses = [name for name in mixed.presses if "change" not in name]
+    assert len(presses) == 24
+    for share in (0.2, 0.5, 0.9):
+        images, resume = int(share * 73), ("--resume",) if images else ()
+        words = [sys.executable, "-m", "deltact_fab.app.cli.main", *mixed.words(out, *resume)]
+        with subprocess.Popen(words, env=compiled(mixed)) as process:
+            while process.poll() is None and len([*out.glob("images/*.png")]) < images:
+                time.sleep(0.002)
+            process.kill()
+    mixed.resume(out)
+    assert open_run(out).summary()["sessions"] == 4
+    assert_equal(mixed, out)
+    whole = open_run(mixed.finished)
+    request = RunRequest(str(mixed.protocol), str(mixed.rig), seed=3)
+    assert isinstance(request.rig, VirtualConfig)
+    for k in range(2):  # by two workers, backwards
+        part = presses[k::2][::-1]
+        run_presses(request.setup(tmp_path / f"part{k}"), request.rig, request.rig_path, part)
+        run = open_run(tmp_path / f"part{k}")
+        for press in part:
+            assert_same_press(run, whole, press)
+    repeats = [whole.force(name)["fz_n"].to_numpy() for name in presses
+               if name.startswith("sphere-6/p1")]  # fmt: skip
+    n = min(map(len, repeats))
+    assert len({tuple(force[:n]) for force in repeats}) == 3  # other noise
+
+
+def assert_same_press(run: Run, whole: Run, press: str) -> None:
+    """Images and forces."""
+    images = [r.frames(press)[["frame_id", "sha256", "t_press_s"]] for r in (run, whole)]
+    pd.testing.assert_frame_equal(*images)
+    columns = ["t_press_s", "fx_n", "fy_n", "fz_n"]
+    pd.testing.assert_frame_equal(*(r.force(press)[columns] for r in (run, whole)))
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ NAMES = ["plate stress", "plate clear of the light holder", "plate deflection"]
 
 
 def peak(normal_n: float, depth_mm: float = 5.0, at_mm=(0.0, 0.0)) -> Peak:
-    return Peak("sphere:10", 1, at_mm, depth_mm, normal_n, 0.0, None, "linear", "")
+    return Peak("sphere-10/p1", "sphere:10", 1, at_mm, depth_mm, normal_n, 0.0, None, "linear", "")
 
 
 @pytest.mark.parametrize("simulated", [True, False])

@@ -46,16 +46,21 @@ def list_() -> Answer:
 @click.argument("name")
 @click.option("--from", "source", default="smoke", type=NAME_OR_PATH,
               metavar="PROTOCOL", help="Protocol to start from.")  # fmt: skip
+@click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
+              help="Fit positions, indenters, depths and drags to its face.")  # fmt: skip
 @NEW_FILE
 @answers
-def new(name: str, source: str, out: Path | None) -> Answer:
+def new(name: str, source: str, design: str | None, out: Path | None) -> Answer:
     """Write a new protocol with every key explained.
 
     Its values are those of --from; `protocol check NAME` then finds it by name.
     """
     from ..lab import protocol as write
 
-    return file_note(write(name, source, out), f"protocol check {name}")
+    file, changes = write(name, source, out, design)
+    answer = file_note(file, f"protocol check {name}")
+    lines = [*(f"fitted: {line}" for line in changes), *answer.lines]
+    return Answer({**answer.data, "fitted": changes}, lines)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")

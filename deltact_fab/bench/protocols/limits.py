@@ -172,7 +172,24 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
         )
         name, subject = "contact on the skin", f"reach in {letter} (mm)"
         status = graded(reach <= bound + LIMIT_SLACK_MM)
+        if status == "fail":
+            subject += f"; {_passing_places(steps, axis, step_id, bound)}"
         yield Check.at_most(f"footprint.{letter}", name, subject, reach, bound, step_id, status)
+
+
+def _passing_places(steps: list[Step], axis: int, step_id: str, bound_mm: float) -> str:
+    """Positions on which the indenter of a failed step passes, drags included."""
+    failed = next(step for step in steps if step.id == step_id)
+    centre = next(s.target_mm[axis] for s in steps if s.press == failed.press)
+    indenter = parse_indenter(failed.indenter)
+    drag_mm = max(
+        abs(s.target_mm[axis] - centre) for s in steps
+        if s.press == failed.press and s.kind in ("press", "shear")
+    )  # fmt: skip
+    place_mm = bound_mm - indenter.footprint_half_mm[axis] - drag_mm
+    if place_mm < 0:
+        return f"no place on this face for {indenter.name}; use a smaller one"
+    return f"places within +-{math.floor(place_mm * 100) / 100:g} mm for {indenter.name}"
 
 
 def _sideways(steps: list[Step], protocol: Protocol) -> Check:
@@ -199,7 +216,7 @@ def _recovery(
     prony, ends_s = protocol.specimen.prony, planned_ends_s(steps, stage)
     total = 1 + math.fsum(g for g, _ in prony)
 
-    def left(rest_s: float) -> float:
+    def creep_share(rest_s: float) -> float:
         return math.fsum(g / total * math.exp(-rest_s / tau_s) for g, tau_s in prony)
 
     radius_mm = {s.indenter: max(parse_indenter(s.indenter).footprint_half_mm) for s in steps}
@@ -209,12 +226,12 @@ def _recovery(
     for start_s, end_s, step in zip(ends_s, ends_s[1:], steps, strict=False):
         press = presses.get(step.press)
         if press is not None and step.kind == "approach":
-            for since_s, other in reversed(released):
-                if left(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
+            for since_s, previous in reversed(released):
+                if creep_share(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
                     break
-                reach_mm = sum(radius_mm[p.indenter] for p in (press, other))
-                if math.dist(press.at_mm, other.at_mm) < reach_mm + sensor.skin.thickness_mm:
-                    worst = left(start_s - since_s), step.press, start_s - since_s
+                reach_mm = sum(radius_mm[p.indenter] for p in (press, previous))
+                if math.dist(press.at_mm, previous.at_mm) < reach_mm + sensor.skin.thickness_mm:
+                    worst = creep_share(start_s - since_s), step.press, start_s - since_s
                     break
         if press is not None and step.kind == "retract":
             released.append((end_s, press))

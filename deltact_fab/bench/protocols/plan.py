@@ -169,13 +169,13 @@ class Protocol(Table):
 
         Only this reads how a file states them: by indenters and positions, or one by one.
         """
-        made: Counter[str] = Counter()
+        references: Counter[str] = Counter()
         presses: list[Press] = []
         for mounting, mounted in enumerate(self._mountings()):
             if self.order == "random":
                 mounted = shuffle_presses(mounted, self.order_seed)
             if self.reference is not None:
-                mounted = list(add_references(mounted, self.reference, made))
+                mounted = list(add_references(mounted, self.reference, references))
             presses += [replace(press, mounting=mounting) for press in mounted]
         return tuple(presses)
 
@@ -192,9 +192,9 @@ class Protocol(Table):
         for k, tip in enumerate(self.indenters):
             slug = parse_indenter(tip).slug
             presses = repeat_presses([
-                (Press(f"{slug}/p{n}", n, tip, at, self.depths_mm, self.shear, "fit", 0),
+                (Press(f"{slug}/p{n}", n, tip, place, self.depths_mm, self.shear, "fit", 0),
                  self.repeats)
-                for n, at in enumerate(self.positions_mm, start=1)
+                for n, place in enumerate(self.positions_mm, start=1)
             ])  # fmt: skip
             turns, turn = self.indenters.count(tip), self.indenters[:k].count(tip)
             first, last = (len(presses) * (turn + i) // turns for i in (0, 1))
@@ -226,22 +226,22 @@ class Protocol(Table):
         A list of presses is numbered anew. Raises InputError if nothing is left.
         """
 
-        def kept(values: Iterable[Any], choice: Sequence[Any] | None) -> tuple[Any, ...]:
-            return tuple(v for v in values if choice is None or v in choice)
+        def select(values: Iterable[Any], choice: Sequence[Any] | None) -> list[Any]:
+            return [v for v in values if choice is None or v in choice]
 
-        changed: dict[str, Any] = {
-            "indenters": kept(self.indenters, tips),
-            "positions_mm": kept(self.positions_mm, places_mm),
-            "depths_mm": kept(self.depths_mm, stops_mm),
-        }
-        if self.press:
-            changed = {"press": [
-                e for e in self.press
-                if (tips is None or e.indenter in tips)
-                and (places_mm is None or (e.x_mm, e.y_mm) in places_mm)
-                and (stops_mm is None or e.depth_mm in stops_mm)
-            ]}  # fmt: skip
-        return validate(Protocol, {**dict(self), **changed}, self.name)
+        entries = [
+            entry.model_dump()
+            for entry in self.press
+            if select([entry.indenter], tips)
+            and select([(entry.x_mm, entry.y_mm)], places_mm)
+            and select([entry.depth_mm], stops_mm)
+        ]
+        data = self.model_dump(mode="json") | ({"press": entries} if entries else {
+            "indenters": select(self.indenters, tips),
+            "positions_mm": select(self.positions_mm, places_mm),
+            "depths_mm": select(self.depths_mm, stops_mm),
+        })  # fmt: skip
+        return validate(Protocol, data, self.name)
 
 
 @dataclass(frozen=True)

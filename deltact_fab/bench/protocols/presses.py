@@ -35,7 +35,7 @@ class Press:
 
     @property
     def legs(self) -> dict[float, tuple[tuple[str, Point2], ...]]:
-        """By depth: names of the drags, and their ends relative to the press in mm."""
+        """Drags by depth: names, and ends relative to the press in mm."""
         return {d: tuple(drag_legs(self.shear, self.at_mm, d)) for d in self.depths_mm}
 
     def reach_mm(self, depth_mm: float) -> Point2:
@@ -84,28 +84,28 @@ def shuffle_presses(presses: Sequence[Press], seed: int) -> list[Press]:
     def draw(press: Press) -> bytes:
         return hashlib.sha256(f"{seed} {press.name}".encode()).digest()
 
-    drawn = iter(sorted((p for p in presses if p.role != "reference"), key=draw))
-    return [press if press.role == "reference" else next(drawn) for press in presses]
+    shuffled = iter(sorted((p for p in presses if p.role != "reference"), key=draw))
+    return [press if press.role == "reference" else next(shuffled) for press in presses]
 
 
 def add_references(
-    presses: Sequence[Press], reference: ReferencePress, made: Counter[str]
+    presses: Sequence[Press], reference: ReferencePress, counts: Counter[str]
 ) -> Iterator[Press]:
-    """Presses of a mounting with the reference presses. made: their number so far, by indenter."""
+    """Presses of a mounting with its reference presses. counts: of the earlier ones by indenter."""
     tip = presses[0].indenter
     slug = parse_indenter(tip).slug
 
-    def make() -> Press:
-        made[tip] += 1
-        k = made[tip]
+    def create() -> Press:
+        counts[tip] += 1
+        k = counts[tip]
         depths_mm = (reference.depth_mm,)
         return Press(f"{slug}/ref{k}", k, tip, reference.at_mm, depths_mm, None, "reference", 0)
 
     for k, press in enumerate(presses):
         if k % reference.every == 0:
-            yield make()
+            yield create()
         yield press
-    yield make()
+    yield create()
 
 
 def drag_legs(

@@ -332,8 +332,8 @@ def _moment_nmm(
     """Bounds of r x F; r runs from the origin to wherever the force may act."""
     half_mm = parse_indenter(press.indenter).footprint_half_mm
     x, y = (
-        abs(at - origin) + drag + OFF_CENTRE * half
-        for at, origin, drag, half in zip(
+        abs(x0 - origin) + drag + OFF_CENTRE * half
+        for x0, origin, drag, half in zip(
             press.at_mm, origin_mm, press.reach_mm(depth_mm), half_mm, strict=False
         )
     )

@@ -90,8 +90,9 @@ def test_new_protocol_equals_its_source(here: Path, source: str) -> None:
 
 def test_commented_values_are_defaults(here: Path) -> None:
     """All defaults uncommented make the same protocol, pattern and design."""
-    protocol = lab.protocol("own", "force-calibration").read_text()
-    examples = r"(?m)^#(amplitude_mm|amplitude_of_depth|rate_hz|s|settle_s|serial) = .*\n"
+    protocol = lab.protocol("own", "force-calibration")[0].read_text()
+    without_default = "amplitude_mm|amplitude_of_depth|rate_hz|s|settle_s|serial"
+    examples = rf"(?m)^#({without_default}|every|at_mm|depth_mm) = .*\n"
     full = uncommented(re.sub(examples, "", protocol))
     assert catalog.validate(plan.Protocol, tomllib.loads(full), "f") == plan.load_protocol("own")[0]
     assert full.count(" = ") > 20

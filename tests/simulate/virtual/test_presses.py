@@ -132,9 +132,15 @@ def test_unplanned_motion_solves_from_the_start() -> None:
 
 def test_cached_press_needs_its_planned_place() -> None:
     presses = Presses(declared(), SKIN, COARSE)
-    with pytest.raises(InputError, match=r"no press of sphere:12 is planned at \(5, 5\) mm"):
-        presses.open("sphere:12", (5.0, 5.0))
-    assert presses.open("sphere:12", (2.0005, -1.0)).solver.poses  # a motor step off
+    for name, indenter, at_mm, expected in (
+        ("sphere-12/p3", "sphere:12", (2.0, -1.0), "no press 'sphere-12/p3'; valid: sphere-12/p1,"),
+        ("sphere-12/p2", "sphere:12", (5.0, 5.0), r"at \(2, -1\) mm, not sphere:12 at \(5, 5\) mm"),
+        ("sphere-12/p2", "4dots", (2.0, -1.0), "planned with sphere:12 at .*, not 4dots"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            presses.open(name, indenter, at_mm)
+    # a motor step off
+    assert presses.open("sphere-12/p2", "sphere:12", (2.0005, -1.0)).solver.poses
 
 
 @pytest.mark.parametrize("dwell", [0.05, 600.0])

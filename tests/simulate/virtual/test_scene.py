@@ -52,10 +52,10 @@ class Bench:
         )  # fmt: skip
         self.contact = linear(E_MPA)
         self.scene.mount("sphere:10")
-        self.scene.begin()
+        self.scene.begin("sphere-10/p1")
 
-    def press(self, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
-        assert indenter == "sphere:10"
+    def press(self, name: str, indenter: str, at_mm: tuple[float, float]) -> PlannedPress:
+        assert (name, indenter) == ("sphere-10/p1", "sphere:10")
         self.presses.append(PlannedPress(PathSolver(lambda: UNIT, observed=ALL)))
         return self.presses[-1]
 
@@ -230,10 +230,10 @@ def test_rest_of_several_knots_is_followed() -> None:
     press = PlannedPress(PathSolver(lambda: contact, planned), "", ((0.0, 0.0, 0.0), down))
     bench = Bench(drawn=False)
     bench.scene = GelScene(
-        bench.controller, bench.clock, FRAME, Increments(1.0, 0.5), lambda name, at: press, None
+        bench.controller, bench.clock, FRAME, Increments(1.0, 0.5), lambda *asked: press, None
     )
     bench.go(0.0, 0.0, 0.0)
-    bench.scene.begin()
+    bench.scene.begin("")
     bench.jog(0.0, 0.0, -1.0, 1200.0)
     bench.clock.sleep_s(0.1)
     start_ns = bench.clock.now_ns()
