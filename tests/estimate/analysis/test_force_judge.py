@@ -13,6 +13,7 @@ import pytest
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.calibrate import fit_best_model, transfer
 from deltact_fab.estimate.analysis.force.dataset import ForceData
+from deltact_fab.estimate.analysis.force.gel import UnrelaxedForces
 from deltact_fab.estimate.analysis.force.judge import (
     CV_FOLDS,
     CV_REPEATS,
@@ -207,6 +208,17 @@ def test_validation_presses_only_judge() -> None:
     assert "validation: normal force to" in told.findings[0]
     assert "3 distinct presses: no interval" in told.findings[0]
     assert json.loads(json.dumps(told.as_dict(), allow_nan=False))["validation"]["normal"]["value"]
+
+
+def test_late_validation_leaves_fitted_labels() -> None:
+    """Labels are corrected to the longest wait of the presses that are fitted."""
+    data = made()
+    late = data.points["press"] == "sphere:10/1"
+    points = data.points.assign(wait_s=np.where(late, 90.0, 1.0), role="fit")
+    points.loc[late, "role"] = "validate"
+    relaxed = UnrelaxedForces(0.2, 3.0).relaxed_wrenches(replace(data, points=points)).wrench
+    assert relaxed[~late] == pytest.approx(data.wrench[~late])
+    assert (np.abs(relaxed[late]) > np.abs(data.wrench[late])).all()
 
 
 def test_softer_gel_transfers_by_two_factors() -> None:
