@@ -30,10 +30,11 @@ from deltact_fab.bench import Run, open_run
 from deltact_fab.common import Field, InputError, SolverError
 from deltact_fab.sensor import Indenter
 
-from .runs import PRESS_KINDS, settle_s, view_of_run
+from .runs import PRESS_KINDS, settle_s
 
 BIN_S = 0.02  # by hand: shorter bins are noisier, longer ones blur the fastest branch
 _POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+SKIN_SIZES = ("thickness_mm", "width_mm", "length_mm")
 ARRIVED_MM = 0.01  # from its end, a stage has arrived; by hand: above a step, far below a press
 MIN_REST_BINS = 25  # of a usable rest; by hand: shorter ones determine no branch
 
@@ -345,14 +346,13 @@ class StraightPress:
         if samples.empty:
             raise InputError(f"{folder}: press {press}: no force recorded")
         pressing = steps[steps["kind"].isin(PRESS_KINDS)]
-        straight = pressing[(pressing["kind"] == "press") & ~(pressing["kind"] == "shear").cumsum()]
+        straight = pressing[(pressing["kind"] == "shear").cumsum() == 0]
         history, series = _bin_forces(press, samples), specimen.get("prony") or []
         force_n = history.force_n
         if series:
             shares, times_s = zip(*series, strict=True)
             force_n = _relaxed_force(history, Series(tuple(shares), tuple(times_s)))
         rows = pose[pose["step_id"].isin(straight["step_id"])]
-        skin = view_of_run(run).skin
         notes = [f"the run's specimen: modulus_mpa = {specimen['modulus_mpa']:g}"]
         if not series:
             notes.append("no prony in the run's specimen: relaxation counts as modulus")
@@ -366,7 +366,7 @@ class StraightPress:
             int(pose["step_id"].isin(set(pressing["step_id"]) - set(straight["step_id"])).sum()),
             {
                 "at_mm": tuple(steps[["x_mm", "y_mm"]].iloc[0].tolist()),
-                **{k: getattr(skin, k) for k in ("thickness_mm", "width_mm", "length_mm")},
+                **{k: run.meta["sensor"]["skin"][k] for k in SKIN_SIZES},
                 **{k: specimen[k] for k in ("poisson", "friction")},
             },
             notes,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import pandas as pd
 
@@ -277,12 +277,7 @@ def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headlin
 
 
 def _mean_head(
-    label: str,
-    unit: str,
-    rows: pd.DataFrame,
-    column: str,
-    scale: Literal["positive", "correlation"] = "positive",
-    **fields: Any,
+    label: str, unit: str, rows: pd.DataFrame, column: str, scale: Any = "positive", **fields: Any
 ) -> Headline:
     return headline(label, unit, Interval.mean(rows[column], *_groups(rows), scale), **fields)
 

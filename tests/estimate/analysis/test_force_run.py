@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.calibrate import calibrate, transfer_calibration
 from deltact_fab.estimate.analysis.force.reference import reference_change
 from deltact_fab.estimate.analysis.force.result import unfitted_lines
+from deltact_fab.estimate.analysis.relaxation import StraightPress
 from deltact_fab.estimate.measure.force.calibration import load_force
 from deltact_fab.estimate.measure.health import Health
 from deltact_fab.estimate.measure.sensor_id import SensorModel
@@ -42,18 +44,22 @@ serial = "A1"
 """
 
 
-REFERENCES = PROTOCOL.replace('"image", ', "").replace("[[0.5, -0.5], [-4.0, 3.0]]", "[[3.0, 1.0]]")
-REFERENCES = (
-    REFERENCES.replace("grid = true", 'axes = ["x"]')
-    .replace(
-        "[capture]",
-        """[reference]
+REFERENCES = """
+name = "again"
+indenters = ["sphere:10"]
+positions_mm = [[3.0, 1.0]]
+depths_mm = [0.4, 0.8]
+repeats = 3
+channels = ["force", "shear"]
+[shear]
+amplitude_mm = 0.5
+axes = ["x"]
+[reference]
 every = 1
 depth_mm = 0.8
-[capture]""",
-    )
-    .replace("name =", "repeats = 3\nname =")
-)
+[capture]
+settle_s = 0.5
+"""
 
 
 def drifted(run: Path, percent: float) -> Path:
@@ -72,16 +78,29 @@ def drifted(run: Path, percent: float) -> Path:
     return run
 
 
-@pytest.mark.parametrize("percent", [0.0, 5.0])
-def test_reference_presses_show_drift(
+@pytest.fixture
+def references(
     made_once: Callable[[str, Callable[[Path], object]], Path], mini: tuple[Path, Path],
-    tmp_path: Path, percent: float,
-) -> None:  # fmt: skip
-    (tmp_path / "again.toml").write_text(REFERENCES)
-    run = made_once("references", lambda out: run_experiment(
-        RunRequest(str(tmp_path / "again.toml"), str(mini[1]), out, seed=3)
-    ))  # fmt: skip
-    found = reference_change([open_run(drifted(shutil.copytree(run, tmp_path / "run"), percent))])
+    tmp_path: Path,
+) -> Path:  # fmt: skip
+    """A run of force alone: three repeats of two depths with drags, among four references."""
+    protocol = tmp_path / "again.toml"
+    protocol.write_text(REFERENCES)
+    request = partial(RunRequest, str(protocol), str(mini[1]), seed=3)
+    return made_once("references", lambda out: run_experiment(request(out)))
+
+
+def test_straight_press_ends_with_drag(references: Path) -> None:
+    found = StraightPress.from_run(references, "sphere-10/p1r2")
+    assert found.depth_mm.max() == pytest.approx(0.4, abs=0.01)
+    assert found.dragged > len(found.depth_mm)
+
+
+@pytest.mark.parametrize("percent", [0.0, 5.0])
+def test_reference_presses_show_drift(references: Path, tmp_path: Path, percent: float) -> None:
+    found = reference_change(
+        [open_run(drifted(shutil.copytree(references, tmp_path / "run"), percent))]
+    )
     assert found is not None
     assert found.over == "4 presses"
     assert found.low < percent < found.high

@@ -21,7 +21,7 @@ from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
 from ...measure.force.model import WRENCH_AXES, Features, ForceModel
 from ...measure.sensor_id import SensorModel
-from ..runs import has_rests, head_of, in_pixels, settled_rows, view_of_run
+from ..runs import fitted_rows, has_rests, head_of, in_pixels, settled_rows, view_of_run
 from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
@@ -67,8 +67,7 @@ def calibrate(
     max_points = sum(
         len(settled_rows(frames))
         for run, table in zip(runs, tables, strict=True)
-        for press, frames in table.groupby("press")
-        if press in presses(run, "fit")
+        for _, frames in fitted_rows(run, table).groupby("press")
     )
     for name in required:
         _require_enough(make_features(name, view), max_points, source)

@@ -137,14 +137,10 @@ def open_force_runs(folders: Sequence[Path]) -> tuple[list[Run], list[pd.DataFra
     return runs, tables
 
 
-def presses(run: Run, *roles: str) -> list[str]:
-    """Names of a run's presses, in order; without its table of frames, which is slow to read.
-
-    roles: of these only; all without.
-    """
-    steps, role = run.frames() if run.imported else run.steps(), run.press_roles()
-    names = dict.fromkeys(steps.loc[steps["kind"] != "change", "press"])
-    return [name for name in names if not roles or role.get(name, "fit") in roles]
+def presses(run: Run) -> list[str]:
+    """Names of a run's presses, in order; without its table of frames, which is slow to read."""
+    steps = run.frames() if run.imported else run.steps()
+    return list(dict.fromkeys(steps.loc[steps["kind"] != "change", "press"]))
 
 
 def run_labels(runs: Sequence[Run]) -> list[str]:
@@ -171,7 +167,8 @@ def gather_data(
     jobs = [
         (str(run.folder), label, press)
         for run, label in zip(runs, run_labels(runs), strict=True)
-        for press in presses(run, "fit", "validate")
+        for press in presses(run)
+        if run.press_roles().get(press) != "reference"
     ]
     titles = [press for _, _, press in jobs]
     work = partial(_measure_job, names=tuple(names), view=view)

@@ -11,7 +11,7 @@ from deltact_fab.common import Array
 
 from ..intervals import Interval
 from ..runs import PRESS_KINDS, settled_rows
-from .dataset import presses, settled_wrenches
+from .dataset import settled_wrenches
 
 
 def reference_change(runs: Sequence[Run]) -> Interval | None:
@@ -24,7 +24,7 @@ def reference_change(runs: Sequence[Run]) -> Interval | None:
     for run in runs:
         steps = run.steps()
         elapsed_s = (steps["t_end_s"] - steps["t_start_s"]).cumsum()
-        for press in presses(run, "reference"):
+        for press in (name for name, role in run.press_roles().items() if role == "reference"):
             frames, press_steps = settled_rows(run.frames(press)), steps[steps["press"] == press]
             normal_n = -settled_wrenches(run, press, frames)[0][:, 2]
             tip = (

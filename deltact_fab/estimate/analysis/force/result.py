@@ -142,17 +142,17 @@ class ForceResult:
 
         Each share stands beside the range of the presses that it refers to.
         """
-        words = []
-        for name, row in list(force_figures(model, self.data).items())[: len(FORCE_COMPONENTS)]:
-            interval = self.error_interval(model, name, model.ranked_by) if row["range_n"] else None
+        figures, words = force_figures(model, self.data), []
+        for name in FORCE_COMPONENTS:
+            span, percent = figures[name]["range_n"], figures[name]["percent_of_range"]
             error, share = "unknown", "?"
-            if interval is not None:
+            if span and (interval := self.error_interval(model, name, model.ranked_by)):
                 error = interval.format("N") if model is self.best else f"{interval.value:.2f} N"
-                share = f"{row['percent_of_range']:.1f} %"
-            words.append((error, f"{share} of {row['range_n']:.1f} N" if row["range_n"] else ""))
+                share = f"{percent:.1f} %"
+            words.append((error, f"{share} of {span:.1f} N"))
         (normal, part), *shears = words
         text = f"normal force to {normal} ({part}), "
-        if not any(part for _, part in shears):
+        if not any(figures[name]["range_n"] for name in FORCE_COMPONENTS[1:]):
             return f"{text}shear not calibrated (no shear in the data)"
         values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
         return f"{text}shear to {values} ({parts})"

@@ -16,8 +16,7 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
 from ...measure.shape.depth import DepthFinder, DepthModel, ball_depth_mm
 from ..flows import settled_flows
-from ..force.dataset import presses
-from ..runs import head_of, read_frames, sensor_of, settled_rows, view_of_run
+from ..runs import fitted_rows, head_of, read_frames, sensor_of, settled_rows, view_of_run
 
 # Share of a press's depth below which the ball certainly touches; by hand, above the rim's 0.3.
 SURE_CONTACT_SHARE = 0.4
@@ -99,8 +98,7 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     0.3 mm deep.
     """
     run = open_run(folder)
-    frames = read_frames(run, "shape")
-    frames = frames[frames["press"].isin(presses(run, "fit"))]
+    frames = fitted_rows(run, read_frames(run, "shape"))
     balls = frames[frames["indenter"].str.startswith("sphere:")]
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
