@@ -17,7 +17,7 @@ SIZE_STEP_MM = 0.5  # by hand: of a smaller indenter; also the smallest sphere
 
 
 def fit_settings(
-    settings: dict[str, Any], design: SensorDimensions, other: SensorDimensions
+    settings: dict[str, Any], design: SensorDimensions, target: SensorDimensions
 ) -> tuple[dict[str, Any], list[str]]:
     """Fit the settings of a protocol for one design to another; with a line for each change.
 
@@ -27,7 +27,7 @@ def fit_settings(
     every contact is on the face. Raises InputError if an indenter cannot be made small enough.
     """
     protocol = validate(Protocol, settings, str(settings.get("name")))
-    skin, thick_mm = other.skin, other.skin.thickness_mm
+    skin, thick_mm = target.skin, target.skin.thickness_mm
     sides = [b / a for a, b in zip(design.skin.opening_half_mm, skin.opening_half_mm, strict=True)]
     drag, depth = min(*sides, 1.0), min(thick_mm / design.skin.thickness_mm, 1.0)
     if protocol.stops_mm:
@@ -69,7 +69,7 @@ def _smaller_indenters(
     reach_mm: dict[str, list[float]], opening_mm: Point2
 ) -> Iterator[tuple[str, str]]:
     """Yield each indenter with itself, or the largest smaller one that fits and is not in use."""
-    used = set(reach_mm)
+    taken = set(reach_mm)
     for name in sorted(reach_mm, key=lambda n: max(parse_indenter(n).footprint_half_mm)):
         indenter = parse_indenter(name)
         kind, size_mm, fitting = name.partition(":")[0], 2 * max(indenter.footprint_half_mm), name
@@ -78,7 +78,7 @@ def _smaller_indenters(
             for half, reach, opening in zip(
                 parse_indenter(fitting).footprint_half_mm, reach_mm[name], opening_mm, strict=True
             )
-        ) or (fitting != name and fitting in used):
+        ) or (fitting != name and fitting in taken):
             size_mm = SIZE_STEP_MM * (math.ceil(size_mm / SIZE_STEP_MM) - 1)
             fitting = f"{kind}:{size_mm:g}"
             try:
@@ -89,7 +89,7 @@ def _smaller_indenters(
                     f"{name}: no size of it suits a face of {width_mm:g} x {length_mm:g} mm with "
                     f"these drags; remove it from the protocol"
                 ) from error
-        used.add(fitting)
+        taken.add(fitting)
         yield name, fitting
 
 
@@ -123,6 +123,7 @@ def _scaled(
         for key in factors.keys() & table.keys():
             value, factor = table[key], factors[key]
             if factor != 1:
-                each = isinstance(value, list)
-                table[key] = [shorten(v, factor) for v in value] if each else shorten(value, factor)
+                several = isinstance(value, list)
+                values = [shorten(v, factor) for v in (value if several else [value])]
+                table[key] = values if several else values[0]
     return fitted

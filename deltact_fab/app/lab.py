@@ -65,6 +65,7 @@ def init(folder: Path) -> list[Path]:
 def _texts() -> dict[str, str]:
     """Return the text of each file, by its path in the folder."""
     texts = {"README.md": asset("tour.md").read_text(encoding="utf-8")}
+    texts["sensors/README.md"] = "A file per sensor: `deltact-fab rig sensors --new A1`.\n"
     catalogues = {kind.catalogue for kind in FILE_KINDS.values()}
     for kind in FILE_KINDS.values():
         text = json.dumps(json_schema(kind), indent=1, ensure_ascii=False, allow_nan=False)

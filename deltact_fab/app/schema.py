@@ -69,9 +69,10 @@ FILE_KINDS = _by_name(
 _OF_EACH = "that `measure --out` writes for each image"
 OUTPUT_KINDS = _by_name(
     FileKind("measured", "", f"columns {_OF_EACH}", "present.live.formatting:MeasuredRow"),
+    FileKind("sensor", "sensors", "a sensor's ledger", "bench.record.ledger:SensorLedger"),
     FileKind("fields", "", f"arrays {_OF_EACH}", "present.live.formatting:FieldArrays"),
 )
-"""Files that the program writes."""
+"""Files that the program writes, and a lab may add to."""
 
 
 def find_kind(name: str) -> FileKind:

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from .record.check import check_run
     from .record.conditions import require_same_conditions
     from .record.export import export_run
-    from .record.files import truth_file
     from .record.images import ImageFormat, encode_png
     from .record.importing import import_recording
+    from .record.ledger import SensorLedger
     from .record.notes import RunNote
     from .record.run import Run, open_run
     from .record.truth import RunTruth

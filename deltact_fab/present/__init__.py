@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     # fmt: off
     from .live.acceptance import accept_sensor
     from .live.known_step import check_known_step
-    from .live.open import acceptance_file, open_source
+    from .live.open import open_source
     from .live.outputs import deliver_results
     from .live.session import LiveMeasurement, measure_source, open_session, track_images
     from .report.figures import (

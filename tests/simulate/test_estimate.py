@@ -87,10 +87,12 @@ def test_remaining_time_within_factor_two(name: str, monkeypatch: pytest.MonkeyP
         wall_s.append(solved_s * (1 + (presses[step.indenter] == step.press)) + 0.1 * step.frames)
         at_mm = step.target_mm
     now_s, end_s = 0.0, sum(wall_s)
-    monkeypatch.setattr(runner.time, "monotonic", lambda: now_s)
+    looked = paused_s = 0
+    monkeypatch.setattr(runner.time, "monotonic", lambda: now_s + paused_s)
     left = runner.RemainingTime(steps, range(len(steps)), wall_clock=False)
-    looked = 0
     for i, took_s in enumerate(wall_s):
+        paused_s += 900
+        left.leave_out(900.0)
         now_s += took_s
         left.finished(i)
         if 0.1 * end_s < now_s < 0.95 * end_s:

@@ -69,9 +69,9 @@ def doctor() -> Answer:
 def schema(kind: str | None) -> Answer:
     """List the keys of a kind of file: type, unit, default, limits, meaning.
 
-    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; or
-    measured or fields, which `measure --out` writes. Without KIND the kinds are listed. --json
-    prints a JSON Schema.
+    KIND is protocol, virtual-rig, grbl-rig, pattern, design, indenters, cameras or parts; sensor,
+    which `rig sensors` lists; or measured or fields, which `measure --out` writes. Without KIND the
+    kinds are listed. --json prints a JSON Schema.
     """
     from ..schema import FILE_KINDS, OUTPUT_KINDS, find_kind, json_schema, rows
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,11 +37,12 @@ def calibrate() -> None:
 @click.option("--flat", type=PATH_TYPE, metavar="FILE",
               help="Image of a blank skin, to correct the shading.")  # fmt: skip
 @DESIGN_OPTION
+@click.option("--serial", metavar="TEXT", help="Serial number of the sensor, for its ledger.")
 @out_file("Camera file to write, .toml.", required=True)
 @answers
 def lens(
     images: tuple[Path, ...], board: str, air: tuple[Path, ...], air_board: str | None,
-    flat: Path | None, design: str, out: Path,
+    flat: Path | None, design: str, serial: str | None, out: Path,
 ) -> Answer:  # fmt: skip
     """Calibrate the camera through its lens, plate and gel, from IMAGES of a board on the face.
 
@@ -55,6 +57,7 @@ def lens(
     calibration below the face; on their own they leave the face undetermined. The thicknesses of
     --design are the prior values.
     """
+    from deltact_fab.bench import SensorLedger
     from deltact_fab.estimate import calibrate_lens, fit_flat_field
     from deltact_fab.fabricate import load_design
 
@@ -67,11 +70,14 @@ def lens(
     flat_file = out.with_suffix(".flat.png")
     if field is not None:
         write_whole(flat_file, field.to_png())
-    write_whole(out, result.camera_toml(None if field is None else flat_file.name).encode())
     flat_name = None if field is None else flat_file.name
+    text = result.camera_toml(flat_name).encode()
+    write_whole(out, text)
     data = {"camera": result.lens.as_dict(), **result.as_dict(), "flat": flat_name}
     summary = f"written: {out}" + ("" if field is None else f", {flat_file}")
-    return Answer(data, [*_lens_lines(result), summary])
+    id, simulated = hashlib.sha256(text).hexdigest()[:12], result.simulated is not None
+    asides = SensorLedger.add_event("lens", serial=serial, id=id, file=out, simulated=simulated)
+    return Answer(data, [*_lens_lines(result), summary], asides=asides)
 
 
 def parse_board(words: str, option: str) -> Checkerboard:
@@ -129,11 +135,13 @@ def depth(run: Path, force: Path | None, out: Path) -> Answer:
     Uses the images, the positions of the stage and the diameter of the ball. The protocol
     `ball-press` records such a run.
     """
+    from deltact_fab.bench import SensorLedger
     from deltact_fab.estimate import calibrate_depth
 
     result = calibrate_depth(run, force)
     write_whole(out, result.toml().encode())
-    return Answer({**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"])
+    data, lines = {**result.as_dict(), "file": str(out)}, [result.line, f"written: {out}"]
+    return Answer(data, lines, asides=SensorLedger.add_event("depth", [run], file=out))
 
 
 @calibrate.command(epilog="Example: deltact-fab calibrate force run1 run2 -o calibration.toml")
@@ -156,6 +164,7 @@ def force(
     indenters together; errors on unseen presses, points and runs are reported too. The best model
     is shown beside the paper's; force.json has all of them.
     """
+    from deltact_fab.bench import SensorLedger
     from deltact_fab.estimate import calibrate_force, transfer_calibration, write_force_calibration
     from deltact_fab.present import plot_predicted_force
 
@@ -171,13 +180,15 @@ def force(
         lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in notes)]
         files = write_force_calibration(carried, output)
         data = {"transfer": fit.as_dict(), "left_out": notes}
-        return Answer(data, [*lines, files_line(files)])
+        asides = SensorLedger.add_event("force", runs, file=output)
+        return Answer(data, [*lines, files_line(files)], asides=asides)
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
     lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.notes)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
-    return Answer(result.as_dict(), [*lines, files_line(files)])
+    asides = SensorLedger.add_event("force", runs, file=output)
+    return Answer(result.as_dict(), [*lines, files_line(files)], asides=asides)
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:

@@ -10,14 +10,25 @@ import click
 
 from .group import CommandGroup
 from .options import PATH_TYPE, out_file, out_folder
-from .output import Answer, answers, compact, pairs, progress, table
+from .output import Answer, answers, columns_of, compact, pairs, progress, table
 
 RUN_ARGUMENT = click.argument("run", type=PATH_TYPE)
 
 
 @click.group(cls=CommandGroup)
 def record() -> None:
-    """Recorded runs: verify, show, annotate, export. A RUN is a folder."""
+    """Recorded runs: list, verify, show, annotate, export. A RUN is a folder."""
+
+
+@record.command("list")
+@click.argument("folder", type=PATH_TYPE, default=Path())
+@answers
+def list_(folder: Path) -> Answer:
+    """List the runs in FOLDER and its folders, with their presses complete and planned."""
+    from deltact_fab.bench import Run
+
+    rows = Run.list_runs(folder)
+    return Answer(rows, columns_of(Run.LIST_COLUMNS, rows))
 
 
 @record.command()
@@ -40,14 +51,19 @@ def check(run: Path) -> Answer:
 
 @record.command()
 @RUN_ARGUMENT
+@click.option("--settings", is_flag=True, help="Show the controller's $ settings too.")
 @answers
-def show(run: Path) -> Answer:
+def show(run: Path, settings: bool) -> Answer:
     """Describe RUN: protocol, specimen, rig, counts, events, registration, notes."""
     from deltact_fab.bench import open_run
 
     data = open_run(run).describe()
     times = {key: data[key] and _format_time(data[key]) for key in ("begun_s", "ended_s")}
-    lines = table(("key", "value"), pairs({**data, **times, "notes": None}))
+    rows = list(pairs({**data, **times, "notes": None}))
+    visible = [row for row in rows if settings or ".settings.$" not in row[0]]
+    if n_hidden := len(rows) - len(visible):
+        visible.append(("devices.stage.settings", f"{n_hidden} values; --settings shows them"))
+    lines = table(("key", "value"), visible)
     return Answer(data, [*lines, *map(_note_line, data["notes"])])
 
 

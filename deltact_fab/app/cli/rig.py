@@ -209,6 +209,23 @@ def check(name: str, seconds: float) -> Answer:
     return Answer(data, [*check_lines(rows), summary], "" if failed else None)
 
 
+@rig.command(epilog="Example: deltact-fab rig sensors --new A1")
+@click.option("--new", metavar="SERIAL", help="First write the file of a new sensor, to fill in.")
+@answers
+def sensors(new: str | None) -> Answer:
+    """List the sensors in the ledger of this folder, files sensors/SERIAL.toml.
+
+    If the folder sensors/ exists, `run`, `calibrate`, `measure` and `rig accept` add events to the
+    file of a sensor whose serial number is stated. Presses are the complete ones of all runs, each
+    once; simulated events count only for a sensor without real ones. `schema sensor` lists the keys
+    of a file.
+    """
+    from deltact_fab.bench import SensorLedger
+
+    notes = [] if new is None else [f"written: {SensorLedger.create(new)}; fill it in"]
+    return listing(SensorLedger.COLUMNS, SensorLedger.list_sensors(), *notes)
+
+
 @rig.command(epilog="Example: deltact-fab rig accept 0 dense --serial A1")
 @click.argument("source", type=NAME_OR_PATH)
 @click.argument("recipe", required=False, type=NAME_OR_PATH)
@@ -235,13 +252,14 @@ def accept(
     with an image of the face at rest, and `measure --serial` then reports changes. Exit code 1 if
     a row fails.
     """
+    from deltact_fab.bench import SensorLedger
     from deltact_fab.fabricate import PatternRecipe, load_design, load_recipe
-    from deltact_fab.present import accept_sensor, acceptance_file, check_known_step, open_source
+    from deltact_fab.present import accept_sensor, check_known_step, open_source
 
     if out is None and serial is not None:
-        out = acceptance_file(serial)
-    if out is not None and out.exists():
-        raise InputError(f"{out}: already exists; name another file with -o, or remove it")
+        out = SensorLedger.file(serial)
+    if out is not None:
+        SensorLedger.require_not_accepted(out)
     steps = [] if step is None else check_known_step(step)
     images = open_source(source, camera, design, serial, seed, rest_only=True)
     try:

@@ -44,6 +44,8 @@ def run(
     face must be located by force.
 
     The first Ctrl-C stops and lifts the tip; the second resets the controller immediately.
+    Ctrl-Z or SIGUSR1 pauses the run before its next press, homed as it is, and again continues it;
+    so does a [[monitor]] of the rig file while its value is unknown or beyond its limits.
     --dry-run makes all checks of a run and queries each device of a real rig; it needs no --out,
     moves nothing and records nothing.
     """
@@ -72,7 +74,7 @@ def run(
             f"{plan['disk_mb']:.0f} MB; nothing was moved or recorded"
         )
         return Answer(plan, [text, *(f"  {state}" for state in (*plan["devices"], *plan["notes"]))])
-    return Answer(summary, _run_lines(summary, out))
+    return Answer(summary, _run_lines(summary, out), asides=summary["ledger"])
 
 
 def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:

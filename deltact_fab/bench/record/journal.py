@@ -30,7 +30,7 @@ from deltact_fab.common import InputError, RunFailed, disk_errors, sync_folder, 
 from .files import UNHASHED_FORMAT
 from .folder import UnsafeFile, has_file, open_file, read_file
 from .images import encode
-from .streams import MAX_CHUNK_BYTES
+from .streams import MAX_CHUNK_BYTES, MONITOR_PREFIX
 
 JOURNAL_SCHEMA = """
 CREATE TABLE steps (
@@ -82,7 +82,7 @@ def claim(folder: Path) -> BinaryIO:
     """
     # On run.json: a lock on the journal would interfere with SQLite's own.
     file = open_file(folder, "run.json")
-    if not _lock(file, shared=False):
+    if not lock_file(file, shared=False):
         file.close()
         raise InputError(f"{folder}: another process is writing this run")
     return file
@@ -91,10 +91,10 @@ def claim(folder: Path) -> BinaryIO:
 def is_claimed(folder: Path) -> bool:
     """True if another process holds the lock of the run."""
     with open_file(folder, "run.json") as file:
-        return not _lock(file, shared=True)
+        return not lock_file(file, shared=True)
 
 
-def _lock(file: BinaryIO, shared: bool) -> bool:
+def lock_file(file: BinaryIO, shared: bool) -> bool:
     """Lock a file until it is closed; False if another process holds it. True without locks."""
     if os.name == "posix":
         import fcntl
@@ -400,7 +400,7 @@ def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
     """Read rows that belong to presses, by table, to compare two runs.
 
     All columns but the clocks, the id first; of pose samples only their presence: poses are
-    sampled while a move is streamed, so their values depend on timing.
+    sampled while a move is streamed, so their values depend on timing. Monitors are left out.
     """
     rows: dict[str, list[tuple[Any, ...]]] = {}
     with closing(open_journal(folder, "ro")) as db:
@@ -408,7 +408,8 @@ def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
             columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
             names = [c for c in columns if c not in CLOCK_COLUMNS]
             names.sort(key=lambda c: c not in ("frame_id", "step_id"))
-            query = f"SELECT {','.join(names)} FROM {table} ORDER BY 1, 2"
+            other = f"WHERE stream NOT GLOB '{MONITOR_PREFIX}*'" if table == "samples" else ""
+            query = f"SELECT {','.join(names)} FROM {table} {other} ORDER BY 1, 2"
             stored = db.execute(query).fetchall()
             rows[table] = [row[:3] if "pose" in row else row for row in stored]
     return rows

@@ -6,6 +6,7 @@ import hashlib
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import InputError, Note, RunFailed, disk_errors, validate
+from deltact_fab.common import DeltactFabError, InputError, Note, RunFailed, disk_errors, validate
 from deltact_fab.sensor import (
     CameraModel,
     FlatField,
@@ -23,13 +24,14 @@ from deltact_fab.sensor import (
     restore_indenter,
 )
 
+from ..protocols.plan import Protocol, expand_protocol
 from ..protocols.tables import DeadWeights
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
 from .folder import UnsafeFile, check_folder, has_file, read_file
 from .images import NOT_AN_IMAGE, decode, image_size_px, require_size
 from .journal import is_claimed, journal_errors, open_journal, read_press_rows, schema_faults
-from .streams import FORCE_COLUMNS, POSE_COLUMNS, Chunk, interpolate_at, unpack
+from .streams import FORCE_COLUMNS, MONITOR_PREFIX, POSE_COLUMNS, Chunk, interpolate_at, unpack
 from .truth import RunTruth, load_truth
 
 if TYPE_CHECKING:
@@ -47,6 +49,9 @@ class Run:
 
     UNKNOWN: ClassVar = UNKNOWN_SENSOR
     """Kind of the frames of an imported run; their indenter if unknown."""
+    LIST_COLUMNS: ClassVar = ("run", "protocol", "begun", "rig", "simulated", "air", "serial",
+                              "complete", "planned", "state", "fault")  # fmt: skip
+    """Keys of `list_runs`; complete, planned: numbers of presses."""
 
     def __init__(self, folder: Path):
         check_folder(folder)
@@ -59,6 +64,58 @@ class Run:
         self.format = int(self.meta["format"])
         """Format number of the folder: of this version, or of 0.2.0."""
         self._sound = False
+
+    @staticmethod
+    def list_runs(folder: Path) -> list[dict[str, Any]]:
+        """Return a row of LIST_COLUMNS for each run that a folder is, or has in it to two levels.
+
+        A damaged one has a fault. Raises InputError if there is no folder.
+        """
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder")
+        files = ("run.json", "journal.sqlite")
+        names = [f"{above}{name}" for above in ("", "*/", "*/*/") for name in files]
+        rows = []
+        for place in sorted({file.parent for name in names for file in folder.glob(name)}):
+            try:
+                run = Run(place)
+                row = {**run.describe(), "begun": run.begun.isoformat(" ", "seconds")}
+                row["serial"] = (row["specimen"] or {}).get("serial")
+                row["complete"], row["planned"] = run.count_presses()
+            except DeltactFabError as error:
+                row = {"fault": str(error)}
+            rows.append({"run": str(place), **{key: row.get(key) for key in Run.LIST_COLUMNS[1:]}})
+        return rows
+
+    @cached_property
+    def begun(self) -> datetime:
+        """Time of the first event, the beginning of the run; UTC."""
+        with self.reader() as db:
+            first = db.execute("SELECT wall_s FROM events ORDER BY seq LIMIT 1").fetchone()
+        return datetime.fromtimestamp(first[0], UTC)
+
+    @property
+    def id(self) -> str:
+        """Name of the protocol and time of the beginning: unchanged by a copy or a resume."""
+        return f"{self.meta['protocol'].get('name')}-{self.begun:%Y%m%d-%H%M%S-%f}"
+
+    @property
+    def state(self) -> str:
+        if is_claimed(self.folder):
+            return "being written now"
+        return "finished" if self.finished else "unfinished"
+
+    def count_presses(self) -> tuple[int, int]:
+        """Return the numbers of complete and of planned presses; equal for an imported run."""
+        with self.reader() as db:
+            if self.imported:
+                return (db.execute("SELECT count(DISTINCT press) FROM frames").fetchone()[0],) * 2
+            done_ids = {id for (id,) in db.execute("SELECT step_id FROM steps")}
+        stated = self.meta["protocol"]
+        protocol = validate(Protocol, stated, f"{self.folder / 'run.json'}: protocol")
+        steps = expand_protocol(protocol)
+        last = {step.press: step.id for step in steps if step.kind != "change"}
+        return sum(id in done_ids for id in last.values()), len(last)
 
     def frames(self, press: str | None = None) -> pd.DataFrame:
         """Frames (of one press), one row per frame in order of capture.
@@ -104,6 +161,29 @@ class Run:
         t_s is the time of the request. Times as in `force`.
         """
         return self._samples("pose", press)
+
+    def monitors(self, press: str | None = None) -> pd.DataFrame:
+        """Readings of the rig's monitors, one row each: monitor, unit, value.
+
+        Times as in `force`; before a press's tare, as in a pause before it, t_press_s is negative.
+        A simulated run, whose time does not pass meanwhile, has one reading per press.
+        """
+        import pandas as pd
+
+        tables = (self.meta.get("rig") or {}).get("monitor") or ()
+        units = {table["name"]: table["unit"] for table in tables}
+        parts = []
+        for stream in self.monitor_streams() or [MONITOR_PREFIX]:
+            name = stream.removeprefix(MONITOR_PREFIX)
+            rows = self._samples(stream, press)
+            parts.append(rows.assign(monitor=name, unit=units.get(name, "")))
+        return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+
+    def monitor_streams(self) -> list[str]:
+        """Names of the recorded streams of monitors."""
+        with self.reader() as db:
+            query = "SELECT DISTINCT stream FROM samples WHERE stream GLOB ? ORDER BY stream"
+            return [stream for (stream,) in db.execute(query, (f"{MONITOR_PREFIX}*",))]
 
     def events(self) -> pd.DataFrame:
         """Events of all sessions, one row each in order of writing.
@@ -288,7 +368,6 @@ class Run:
                 "SELECT count(*) FROM"
                 " (SELECT press FROM steps WHERE kind = 'press' UNION SELECT press FROM frames)"
             ).fetchone()[0]
-        state = "finished" if self.finished else "unfinished"
         # Pose of the face in the rig file, and its registration file, if any.
         stage = (meta.get("rig") or {}).get("stage") or {}
         placed_by = ("registration", "origin_machine_mm", "angle_deg", "tilt_deg")
@@ -296,7 +375,7 @@ class Run:
         session = events.loc[begun[-1] :] if len(begun) else events  # the last one
         return {
             "folder": str(self.folder),
-            "state": "being written now" if is_claimed(self.folder) else state,
+            "state": self.state,
             "format": self.format,
             "protocol": protocol.get("name"),
             "description": protocol.get("description"),
@@ -343,7 +422,7 @@ class Run:
     def _samples(self, stream: str, press: str | None, *extra: str) -> pd.DataFrame:
         import pandas as pd
 
-        names = _STREAM_COLUMNS[stream]
+        names = _STREAM_COLUMNS.get(stream, ("value",))
         parts = [
             pd.DataFrame(
                 {
@@ -363,7 +442,7 @@ class Run:
 
     def damaged_samples(self, press: str) -> Iterator[str]:
         """Yield the first damaged chunk of a press in each stream."""
-        for stream in _STREAM_COLUMNS:
+        for stream in (*_STREAM_COLUMNS, *self.monitor_streams()):
             try:
                 for _ in self._chunks(stream, press):
                     pass

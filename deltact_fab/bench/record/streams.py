@@ -25,6 +25,7 @@ MAX_CHUNK_BYTES = 128 << 20  # by hand: an hour of force at 1 kHz takes 119 MB
 DEFLATE_LEVEL = 1  # by hand: higher levels take 10 times as long for 1 % less size
 FORCE_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 POSE_COLUMNS = ("x_mm", "y_mm", "z_mm")
+MONITOR_PREFIX = "monitor-"  # of a stream; then the name of the rig file's `[[monitor]]`
 Column = NDArray[np.int64] | NDArray[np.int32] | NDArray[np.float64] | NDArray[np.bool_]
 
 

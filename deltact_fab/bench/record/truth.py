@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,9 @@ class RunTruth:
     """Lens of the rendering; None: the recorded camera itself."""
     tractions: bool = False
     """True if `traction_mpa` and `face_mm` are stored (protocol channel 'traction')."""
+
+    file: ClassVar = staticmethod(truth_file)
+    """Path of the truth of a press within its run."""
 
     def displacement_mm(self, frame_id: str) -> NDArray[np.float64]:
         """Surface displacement on the lattice, (ny, nx, 3).

@@ -116,7 +116,9 @@ class GrblKind(RigKind):
     def build(self, job: RigSetup, progress: Progress | None = None) -> OpenBench:
         """Weights are placed by hand; everything else is done by the stage."""
         if job.protocol.weights is None:
-            return GrblRig(self._config, self._source.parent, job)
+            rig = GrblRig(self._config, self._source.parent, job)
+            rig.monitors = self.monitors()
+            return rig
         from .weights import WeightsBench
 
         return WeightsBench(self._config, self._source.parent, job)

@@ -25,6 +25,7 @@ from .tables import (
     CameraFile,
     ForceConfig,
     GuardConfig,
+    Monitors,
     RegistrationFile,
     Tools,
     TouchConfig,
@@ -147,6 +148,8 @@ class VirtualConfig(Table):
     touch: TouchConfig = TouchConfig()
     tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`; for `rig simulate` only."""
+    monitor: Monitors | None = None
+    """A number of the surroundings, read once at each press; its limits pause the run."""
     virtual: SimulatorConfig = SimulatorConfig()
     served: ClassVar[bool] = False
 
@@ -161,7 +164,7 @@ class VirtualConfig(Table):
 
     def recorded(self) -> dict[str, Any]:
         """Return the data for a record; of the true lens only a hash, to tell a change."""
-        data = self.model_dump(mode="json")
+        data = _dumped(self)
         if self.virtual.lens is not None:
             text = self.virtual.lens.model_dump_json(exclude_none=True)
             data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
@@ -186,6 +189,8 @@ class GrblConfig(Table):
     tools: Tools = Field(default_factory=dict, examples=[TOOLS_EXAMPLE])
     """By indenter, as `[tools."sphere:10"]`: its length minus that of the tip that the origin was
     measured with."""
+    monitor: Monitors | None = None
+    """A number of the surroundings, recorded during a run, with limits that pause it."""
 
     @model_validator(mode="after")
     def _port(self) -> Self:
@@ -204,7 +209,7 @@ class GrblConfig(Table):
 
     def recorded(self) -> dict[str, Any]:
         """Return the data for a record."""
-        return self.model_dump(mode="json")
+        return _dumped(self)
 
 
 RigConfig = VirtualConfig | GrblConfig
@@ -212,6 +217,11 @@ RIG_CONFIGS: dict[str, type[VirtualConfig] | type[GrblConfig]] = {
     "virtual": VirtualConfig,
     "grbl": GrblConfig,
 }
+
+
+def _dumped(rig: RigConfig) -> dict[str, Any]:
+    """Return plain data; without monitors, those of a version that had none."""
+    return rig.model_dump(mode="json", exclude=None if rig.monitor else {"monitor"})
 
 
 def load_rig(name: str) -> tuple[RigConfig, Path]:

@@ -21,6 +21,7 @@ from deltact_fab.common import Image, Note, Point, Progress, SensorError
 from deltact_fab.sensor import FlatField
 
 from ..protocols.motion import LOCKSTEP_PACE, RigPace
+from .monitor import Monitor
 
 if TYPE_CHECKING:
     from deltact_fab.sensor import CameraModel, SensorDimensions, StageFrame
@@ -326,6 +327,8 @@ class Devices:
     """Force above which the tip counts as in contact."""
     wall_clock: bool = False
     """True: real time, with a thread per device; False: one scheduler steps all devices."""
+    monitors: tuple[Monitor, ...] = ()
+    """Of the surroundings; a run opens and closes them."""
 
 
 class PrintedPattern(Protocol):
@@ -428,6 +431,10 @@ class RigKind(ABC):
     def pace(self) -> RigPace:
         """Return the overhead of the rig's steps."""
         return LOCKSTEP_PACE
+
+    def monitors(self) -> tuple[Monitor, ...]:
+        """Return the rig's monitors, not opened."""
+        return tuple(Monitor(table, self._source.parent) for table in self._config.monitor or ())
 
     def undeclared_lengths(self, protocol: plan.Protocol) -> list[str]:
         """Return a line for indenters without a declared length, on a real rig."""

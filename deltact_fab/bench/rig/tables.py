@@ -168,6 +168,57 @@ class SerialScaleConfig(Table):
         return self
 
 
+class MonitorConfig(Table):
+    """A number of the surroundings that is recorded during a run, with limits that pause it."""
+
+    name: str = Field(max_length=32, pattern=r"^[a-z][a-z0-9-]*$", examples=["temperature"])
+    """Name in records and messages, as temperature, humidity or light."""
+    unit: str = Field(default="", max_length=16, examples=["degC"])
+    """Unit of its numbers, for people."""
+    command: tuple[Word, ...] | None = Field(
+        default=None, min_length=1, max_length=256, examples=[["python3", "read_temperature.py"]]
+    )
+    """A program and its arguments, run in the folder of the rig file for as long as the run. It
+    writes lines of one number to its standard output, and flushes each."""
+    port: Word | None = Field(
+        default=None, examples=["/dev/ttyUSB1"], json_schema_extra={"instead_of": "command"}
+    )
+    """Serial device that writes such lines; around the number there may be words, the same in
+    every line."""
+    baud: int = Field(default=115200, ge=1200, le=10_000_000)
+    """Baud rate of the port."""
+    min: float | None = Field(default=None, ge=-1e9, le=1e9, examples=[20.0])
+    """Below it the run pauses before its next press."""
+    max: float | None = Field(default=None, ge=-1e9, le=1e9, examples=[26.0])
+    """Above it the run pauses before its next press."""
+    period_s: float = Field(default=1.0, ge=0, le=3600)
+    """Shortest time between two recorded readings; limits apply to every line."""
+    silent_s: float = Field(default=10.0, ge=0.1, le=3600)
+    """Silence after which its value is unknown."""
+    required: bool = True
+    """An unknown value pauses the run, too; false: it is only told."""
+
+    @model_validator(mode="after")
+    def _source_and_limits(self) -> Self:
+        if (self.command is None) == (self.port is None):
+            raise ValueError("command: exactly one of command and port is needed")
+        if self.min is not None and self.max is not None and self.min >= self.max:
+            raise ValueError(f"min: must be below max = {self.max:g} (got {self.min:g})")
+        return self
+
+
+def _distinct_monitors(monitors: tuple[MonitorConfig, ...]) -> tuple[MonitorConfig, ...]:
+    names = [monitor.name for monitor in monitors]
+    if len(set(names)) < len(names):
+        raise ValueError(f"name: each monitor needs its own (got {', '.join(names)})")
+    return monitors
+
+
+Monitors = Annotated[
+    tuple[MonitorConfig, ...], Field(max_length=16), AfterValidator(_distinct_monitors)
+]
+
+
 class ForceConfig(Table):
     """A six-axis force sensor.
 

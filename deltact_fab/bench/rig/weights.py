@@ -33,6 +33,7 @@ class WeightsBench(OpenBench):
         """folder: of the rig file."""
         assert job.protocol.weights is not None, "of a protocol with weights"
         self._job, self._weights = job, job.protocol.weights
+        self._monitored = bool(config.monitor)
         self._operator = TerminalOperator()
         self.clock = WallClock()
         self.camera: Camera | None = None
@@ -124,6 +125,8 @@ class WeightsBench(OpenBench):
 
     def omissions(self) -> Iterator[Note]:
         yield Note("stage, force sensor and guard", "weights are placed by hand")
+        if self._monitored:
+            yield Note("monitors", "not read: weights are placed by hand")
         yield from super().omissions()
 
     def notes(self) -> Iterator[Note]:

@@ -8,6 +8,7 @@ the state of health of every measurement.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
@@ -18,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import encode_png
+from deltact_fab.bench import SensorLedger, encode_png
 from deltact_fab.common import (
     Check,
     Field,
@@ -93,14 +94,22 @@ class Acceptance:
         if not self.passed:
             raise InputError(f"{self.source}: not accepted, so not saved")
         image, rest = out.with_suffix(".rest.png"), encode_png(self.raw)
-        for file in (out, image):
-            if file.exists():
-                raise InputError(f"{file}: exists; choose another file with -o, or remove it")
+        SensorLedger.require_not_accepted(out)
+        if image.exists():
+            raise InputError(f"{image}: exists; choose another file with -o, or remove it")
         rows = [[row.name, row.value, row.limit] for row in self.rows]
         text = format_acceptance(model, self.source, seed, (image.name, rest), rows)
         with disk_errors(out):
             out.parent.mkdir(exist_ok=True)
-        write_files({image: rest, out: text.encode()})
+        if out.parent != SensorLedger.FOLDER:
+            write_files({image: rest, out: text.encode()})
+            return
+        write_files({image: rest})
+        SensorLedger.add_acceptance(out, text)
+        SensorLedger.add_event(
+            "accepted", [self.source], serial=out.stem, id=hashlib.sha256(rest).hexdigest()[:12],
+            text=f"{len(rows)} checks", simulated=model.simulated is not None,
+        )  # fmt: skip
 
     def picture(self, camera: CameraModel) -> bytes:
         """Draw the rectified face at rest with the findings on it; return PNG."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import CameraFrame, open_run, raw_size_px
-from deltact_fab.common import InputError, catalogue_names, did_you_mean, validate
+from deltact_fab.bench import CameraFrame, SensorLedger, open_run, raw_size_px
+from deltact_fab.common import InputError, catalogue_names, did_you_mean, read_toml, validate
 from deltact_fab.estimate import Measurement, Rectifier, SensorModel, read_acceptance
 from deltact_fab.sensor import (
     Fisheye,
@@ -25,8 +24,6 @@ from deltact_fab.sensor import (
 )
 
 from .source import Source, camera_source, file_source
-
-SERIAL_PATTERN = re.compile(r"\w[\w.+-]*")  # serial numbers that make a file name
 
 
 def open_source(
@@ -169,26 +166,19 @@ def open_measurement(
     return Measurement(replace(model, rest=accepted_rest(model)), include, files)
 
 
-def acceptance_file(serial: str) -> Path:
-    """Return the file in which `rig accept` saves a sensor.
-
-    Raises InputError for a serial that is not a file name.
-    """
-    if not SERIAL_PATTERN.fullmatch(serial):
-        raise InputError(f"--serial {serial!r}: use letters, digits, '.', '+', '-' and '_' only")
-    return Path("sensors") / f"{serial}.toml"
-
-
 def accepted_rest(model: SensorModel) -> NDArray[np.uint8] | None:
     """Rectified face at rest when this sensor was accepted; None if it was not.
 
     Raises InputError for an invalid file, and for an image of another size.
     """
     serial = model.serial
-    if serial is None or model.projection is None or not SERIAL_PATTERN.fullmatch(serial):
+    if serial is None or model.projection is None:
         return None
-    file = acceptance_file(serial)
-    if not file.is_file():
+    try:
+        file = SensorLedger.file(serial)
+    except InputError:  # not a file name
+        return None
+    if not file.is_file() or "kind" not in read_toml(file):
         return None
     png = read_acceptance(file, model)
     image = None if png is None else cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)

@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from deltact_fab.bench import encode_png
+from deltact_fab.bench import SensorLedger, encode_png
 from deltact_fab.common import Array, disk_errors, make_folder, whole_file, write_whole
 from deltact_fab.version import PACKAGE_VERSION
 
@@ -120,14 +121,24 @@ class PageOutput(MeasurementOutput):
 
 @dataclass
 class HealthOutput(MeasurementOutput):
-    """Report the state of health at each new reference, if a calibration provides it."""
+    """Report the state of health at each new reference, if a calibration provides it.
 
+    It is added to the ledger of the sensor, once per run, or per source and day.
+    """
+
+    source: Source
     tell: Callable[[str, str], None]
 
     def show(self, measured: MeasuredImage) -> None:
-        health = measured.result.health
+        health, source = measured.result.health, self.source
         if measured.result.frame == 0 and health is not None:
-            self.tell(f"state of health: {health.line}", "; ".join(health.reasons))
+            lines = SensorLedger.add_event(
+                "health", [source.name], serial=source.model.serial,
+                id=f"{source.name} {datetime.now(UTC):%Y-%m-%d}", text=health.line,
+                simulated=source.model.simulated is not None,
+            )  # fmt: skip
+            text = "\n".join([f"state of health: {health.line}", *lines])
+            self.tell(text, "; ".join(health.reasons))
 
 
 def deliver_results(
@@ -174,7 +185,7 @@ def deliver_results(
 
         if lines := session_notes(session):
             tell_health("\n".join(lines))
-        outputs.append(HealthOutput(tell_health))
+        outputs.append(HealthOutput(session.source, tell_health))
         if folder is not None:
             saved = OutputFolder(folder, session, pictures)
             stack.callback(saved.close)

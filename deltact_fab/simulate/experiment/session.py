@@ -16,6 +16,7 @@ from deltact_fab.bench import (
     RunNote,
     RunProgress,
     RunWriter,
+    SensorLedger,
     Step,
     VirtualConfig,
     carry_out_steps,
@@ -50,7 +51,8 @@ def run_experiment(
 
     resume: continue the unfinished run in the request's folder, or start it when there is none; a
     finished one is verified (every hash) and left as it is, and its summary comes with
-    "already_finished" true. The summary's times, counts, notes and devices are those of the last
+    "already_finished" true. The run is added to the ledger of its sensor; "ledger" has what that
+    leaves to tell. The summary's times, counts, notes and devices are those of the last
     session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
     """
     started = time.monotonic()
@@ -68,7 +70,8 @@ def run_experiment(
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
             check_run(out, request.progress).require_intact()
-            return {**recorded.summary(), "already_finished": True}
+            ledger = SensorLedger.add_event("run", [out])
+            return {**recorded.summary(), "already_finished": True, "ledger": ledger}
     else:
         _require_new(out, text)
     warnings = request.require()
@@ -79,10 +82,12 @@ def run_experiment(
     try:
         if remark is not None:
             remark.add_to(out)
+        ledger = SensorLedger.add_event("run", [out])  # now, as a run may be killed
         with closing(request.kind.build(job, request.progress)) as bench:
             counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
             kept_frames = sum(step.frames for step in steps if step.press in writer.kept_presses)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept_frames)]
+            remarks += [Note("ledger", line, warns=True) for line in ledger]
             if request.air:
                 remarks.insert(0, AIR_RUN)
             summary = {
@@ -106,10 +111,10 @@ def run_experiment(
                 "devices": bench.identity(),
             }  # fmt: skip
         writer.close(summary)
-    except BaseException:
-        writer.abandon()
-        raise
-    return {**summary, "already_finished": False}
+    finally:
+        writer.abandon()  # no more than `close` has done
+        ledger = SensorLedger.add_event("run", [out])
+    return {**summary, "already_finished": False, "ledger": ledger}
 
 
 def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
@@ -138,8 +143,9 @@ def run_presses(
     What a press gives depends on the seed and its name, not on what came before it; so presses can
     be carried out anywhere, in any order, and are those of the whole run but for the time of day.
     They are recorded into the job's folder. source: of the rig file, from which the paths in it
-    count. What a run is checked for is left to the caller. Returns the rig, closed, for what it has
-    to say of its gel. Raises InputError for a folder that is there, RunFailed.
+    count. What a run is checked for is left to the caller, and no monitor is read. Returns the rig,
+    closed, for what it has to say of its gel. Raises InputError for a folder that is there,
+    RunFailed.
     """
     from ..virtual.rig import VirtualKind
 
@@ -151,7 +157,7 @@ def run_presses(
             steps.append(step)
     if steps and steps[-1].kind == "change":
         steps.pop()
-    kind = VirtualKind(rig, source)
+    kind = VirtualKind(rig.model_copy(update={"monitor": None}), source)
     meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
     assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"

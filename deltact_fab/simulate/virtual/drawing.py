@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.bench import CameraFrame, Clock, VirtualConfig, truth_file
+from deltact_fab.bench import CameraFrame, Clock, RunTruth, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
@@ -90,7 +90,7 @@ class VirtualCamera:
         """Store the press's knots and where each of its frames stands between which of them."""
         assert self._stream is not None, "begin() comes before end()"
         assert len(frames) == len(self._frames), "one id per frame"
-        path = self.folder / truth_file(self._stream)
+        path = self.folder / RunTruth.file(self._stream)
         try:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
@@ -99,7 +99,7 @@ class VirtualCamera:
         if self.lens is not None:
             models["lens"] = self.lens
         for name, model in models.items():
-            file = self.folder / truth_file(name, "json")
+            file = self.folder / RunTruth.file(name, "json")
             write_whole(file, (json.dumps(model.as_dict()) + "\n").encode())
         knots = self.scene.knots
         row = {knot.key: k for k, knot in enumerate(knots)}

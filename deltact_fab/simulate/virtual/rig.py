@@ -55,7 +55,9 @@ class VirtualKind(RigKind):
 
     def build(self, job: RigSetup, progress: Progress | None = None) -> VirtualRig:
         """Everything below the wire that the protocol asks for, and the drivers above it."""
-        return VirtualRig(self._config, job)
+        rig = VirtualRig(self._config, job)
+        rig.monitors = self.monitors()
+        return rig
 
 
 class VirtualForce(NetFTSensor):

@@ -56,7 +56,7 @@ def named(text: str) -> set[str]:
     found, table = set(), ""
     for line in text.splitlines():
         plain = re.sub(r"^#(or )?(?=\[|[a-z0-9_]+ = )", "", line)
-        if head := re.fullmatch(r"\[(.*)\]", plain):
+        if head := re.fullmatch(r"\[+(.*?)\]+", plain):
             table = head[1].replace('tools."sphere:10"', "tools") + "."
         elif key := re.match(r"([a-z0-9_]+) = ", plain):
             found.add(table + key[1])

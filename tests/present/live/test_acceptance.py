@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from called import called
 
+from deltact_fab.bench.record.ledger import SensorLedger
 from deltact_fab.bench.rig.interface import CameraFrame
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.sensor_id import SensorModel
@@ -27,7 +28,6 @@ from deltact_fab.fabricate.patterns.recipe import load_recipe
 from deltact_fab.physics.imaging import print_colours
 from deltact_fab.present.live.acceptance import Acceptance, accept_sensor
 from deltact_fab.present.live.known_step import check_known_step
-from deltact_fab.present.live.open import acceptance_file
 from deltact_fab.present.live.source import Source
 from deltact_fab.present.report.first_light import render_examples
 from deltact_fab.sensor.optics.camera import Pinhole
@@ -265,18 +265,23 @@ def test_guide_pictures_match_their_captions():
 
 @pytest.mark.slow
 def test_health_starts_from_acceptance(tmp_path):
+    assert called("rig", "sensors", "--new", "A1", cwd=tmp_path).returncode == 0
     words = ["rig", "accept", "virtual", "--frames", "12", "--serial", "A1"]
     done = called(*words, "--picture", "face.png", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("virtual: accepted\n")
     assert "simulated, seed 0" in done.stdout
     kept = tomllib.loads((tmp_path / "sensors" / "A1.toml").read_text())
-    assert kept["kind"] == "acceptance"
+    assert (kept["kind"], kept["gel_batch"]) == ("acceptance", "")
+    assert [key.split()[0] for key in kept["events"]] == ["accepted"]
     assert kept["sensor"] == {"design": "deltact", "serial": "A1"}
     assert cv2.imread(str(tmp_path / "face.png")) is not None
     again = called(*words, cwd=tmp_path)
     assert again.returncode == 2
-    assert "sensors/A1.toml: already exists; name another file" in again.stderr
+    assert (
+        "sensors/A1.toml: has an acceptance; name another file with -o, or remove accep"
+        in again.stderr
+    )
     rest = cv2.imread(str(tmp_path / "sensors" / "A1.rest.png"))
     folder = tmp_path / "later"
     folder.mkdir()
@@ -289,6 +294,8 @@ def test_health_starts_from_acceptance(tmp_path):
     look = ["measure", str(folder), "--camera", str(camera), "--serial", "A1"]
     told = called(*look, cwd=tmp_path)
     assert "the pattern moved by 0.45 mm" in told.stderr
+    (row,) = json.loads(called("rig", "sensors", "--json", cwd=tmp_path).stdout)
+    assert "the pattern moved by 0.45 mm" in row["health"]
     (tmp_path / "sensors" / "A1.rest.png").write_bytes(b"no")
     told = called(*look, cwd=tmp_path)
     assert told.returncode == 2
@@ -315,7 +322,7 @@ def test_invalid_input_is_one_line(tmp_path):
         assert done.returncode == 2
         assert says in done.stderr
         assert done.stderr.count("\n") == 1
-    assert acceptance_file("Δ-1").name == "Δ-1.toml"
+    assert SensorLedger.file("Δ-1").name == "Δ-1.toml"
 
 
 @pytest.mark.slow

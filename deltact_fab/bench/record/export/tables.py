@@ -131,6 +131,7 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
     },
     "force": {**_SAMPLE_TYPES, **_FORCE_TYPES, "saturated": "bool"},
     "pose": {**_SAMPLE_TYPES, **_POSE_TYPES},
+    "monitors": {**_SAMPLE_TYPES, "monitor": "string", "unit": "string", "value": "float64"},
     "steps": {
         TIME_COLUMN: "int64", "seq": "int64", **_PRESS_TYPES, **_STEP_TYPES, **_POSE_TYPES,
         **_floats("feed_mm_min", "planned_s"), "missed": "int64",
@@ -143,15 +144,15 @@ TABLE_COLUMNS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 """Type of each column, by table and name; `Run`'s docstrings give the meanings.
 
-In steps: time_ns is the start, x_mm to z_mm the target. seq of an operator's note is 0."""
+Only a run with monitors has their table. In steps: time_ns is the
+start, x_mm to z_mm the target. seq of an operator's note is 0."""
 # Nullable pandas types; a float has nan.
 _PANDAS_TYPES = {"int64": "Int64", "bool": "boolean"}
 
 
 def press_rows(run: Run, line: TimeLine, name: str, press: str) -> pd.DataFrame:
-    """Rows of one press of frames, force, pose or steps, with `TABLE_COLUMNS`."""
-    readers = {"frames": run.frames, "force": run.force, "pose": run.pose, "steps": run.steps}
-    table = readers[name](press)
+    """Rows of one press of a table but events, with `TABLE_COLUMNS`."""
+    table = getattr(run, name)(press)
     time_column = "t_start_s" if name == "steps" else "t_s"
     t_ns = line.press_time_ns(press, table[time_column].to_numpy(float))
     return select_columns(TABLE_COLUMNS[name], table.assign(**{TIME_COLUMN: t_ns}))
@@ -207,10 +208,12 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
     """Write all tables into a new folder; return the rows per table. Raises RunFailed."""
     folder.mkdir()
     about, line = describe_run(run), TimeLine.from_run(run)
-    rows = dict.fromkeys(TABLE_COLUMNS, 0)
+    names = [n for n in TABLE_COLUMNS if n != "monitors" or run.monitor_streams()]
+    rows = dict.fromkeys(names, 0)
     with ExitStack() as stack:
         writers = {}
-        for name, columns in TABLE_COLUMNS.items():
+        for name in names:
+            columns = TABLE_COLUMNS[name]
             path = folder / f"{name}.{form}"
             writer = _csv_writer(path) if form == "csv" else _parquet_writer(path, columns, about)
             writers[name] = stack.enter_context(writer)
@@ -220,7 +223,7 @@ def write(run: Run, folder: Path, form: str, progress: Progress) -> dict[str, in
             rows[name] += len(table)
 
         for number, press in enumerate(line.presses, start=1):
-            for name in ("frames", "force", "pose", "steps"):
+            for name in [n for n in names if n != "events"]:
                 add(name, press_rows(run, line, name, press))
             progress(number, len(line.presses), press)
         add("events", events(run, line))

@@ -8,6 +8,11 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
+from typing import Any
+
+import serial
+
+from deltact_fab.common import InputError, SensorError
 
 from ..tables import SerialScaleConfig
 
@@ -33,14 +38,30 @@ FIRST_LINES = 3  # by hand: equal words so often are the scale's; a greeting is 
 SHOWN_BYTES = 60  # by hand: of a line in a message
 
 
+def open_port(owner: str, key: str, port: str, baud: int, timeout_s: float) -> Any:
+    """Open a serial port, for this process alone. owner: device. key: of the rig file.
+
+    Raises InputError for a name that is no port, SensorError for one that cannot be opened.
+    """
+    exclusive = {} if "://" in port else {"exclusive": True}
+    try:
+        return serial.serial_for_url(port, baudrate=baud, timeout=timeout_s, **exclusive)
+    except ValueError as error:
+        raise InputError(f"{key}: {port}: not a serial port: {error}") from error
+    except OSError as error:
+        raise SensorError(f"{port}: cannot open the {owner}'s port: {error}") from error
+
+
 class LineReader:
     """Reader of the lines of one scale. refused: the last line if it is no reading, and
     why."""
 
-    def __init__(self, config: SerialScaleConfig) -> None:
+    def __init__(self, config: SerialScaleConfig | None, words: bytes | None = None) -> None:
+        """config: None for one number of any unit. words: around the numbers, if known."""
         self._config = config
+        self._columns = ("-",) if config is None else config.columns
         self._first: Counter[bytes] = Counter()
-        self._words: bytes | None = None
+        self._words = words
         self.refused = ""
 
     def values(self, line: bytes) -> list[float] | None:
@@ -64,16 +85,18 @@ class LineReader:
 
     def _fault(self, line: bytes, rest: bytes, units: list[str]) -> str:
         """Reason why a line is no reading, with the key that would read it, or ""."""
-        columns = self._config.columns
+        columns = self._columns
         if ERROR_PATTERN.search(line):
             return "reports an error"
         if re.search(rb"\d", WORD_PATTERN.sub(b"", rest)):
             return "digits that are no number"
+        if self._config is None and len(units) > 1:
+            return f"{len(units)} numbers; a monitor has one"
         if len(units) != len(columns):
             return _count_fault(line, len(units), columns)
         for column, unit in zip(columns, units, strict=True):
             key = "unit" if column.startswith("f") else "torque_unit"
-            right, name = getattr(self._config, key), UNIT_NAMES.get(unit.lower())
+            right, name = getattr(self._config, key, ""), UNIT_NAMES.get(unit.lower())
             if name not in (None, right) and column != "-":
                 fits = name and name.startswith("Nm") == (key == "torque_unit")
                 remedy = f'set {key} = "{name}"' if fits else f"set the scale to {right}"

@@ -11,13 +11,12 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-import serial
 
-from deltact_fab.common import InputError, SensorError, to_ns
+from deltact_fab.common import SensorError, to_ns
 
 from ..interface import Clock, ForceSamples
 from ..tables import ForceConfig, SerialScaleConfig
-from .lines import LineReader
+from .lines import LineReader, open_port
 from .netft import NoteCounts
 from .standstill import Standstill
 
@@ -65,16 +64,9 @@ class SerialScale:
         self._lines = LineReader(table)
         self._standstill: Standstill | None = None
         self.tally = NoteCounts()
-        exclusive = {} if "://" in table.port else {"exclusive": True}
-        try:
-            self._port = port or serial.serial_for_url(
-                table.port, baudrate=table.baud, timeout=table.silent_s, **exclusive
-            )
-        except ValueError as error:
-            text = f"force.serial: port: {table.port}: not a serial port: {error}"
-            raise InputError(text) from error
-        except OSError as error:
-            raise SensorError(f"{table.port}: cannot open the scale's port: {error}") from error
+        self._port = port or open_port(
+            "scale", "force.serial: port", table.port, table.baud, table.silent_s
+        )
         self._has_sent = False
 
     def begin(self, stream: str) -> None:

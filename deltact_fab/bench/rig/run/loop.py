@@ -20,6 +20,7 @@ from ..interface import Clock, ForceSensor, Guard, Stage
 from .streams import ForceStream
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+PAUSE_SIGNALS = (signal.SIGTSTP, signal.SIGUSR1)  # the first of Ctrl-Z
 _LAST_WORDS = (
     b"deltact-fab: stopped immediately by a second signal: the controller was reset, its position "
     b"is lost, and the tip may be in the gel\n"
@@ -32,8 +33,12 @@ LOOP_END_S = 5.0
 
 
 @contextmanager
-def interruptible(abort: Callable[[], None]) -> Iterator[None]:
+def interruptible(
+    abort: Callable[[], None], pause: Callable[[], None] = lambda: None
+) -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP raise KeyboardInterrupt; the second calls `abort` and exits.
+
+    Ctrl-Z and SIGUSR1 call `pause`, in the handler: they stop no process with its tip in the gel.
 
     abort: called in the signal handler; it may only write to the stage. Then the process ends with
     one line and exit code 130, without cleanup: data must be on the disk already. Signals ignored
@@ -51,17 +56,24 @@ def interruptible(abort: Callable[[], None]) -> Iterator[None]:
             first = False
             raise KeyboardInterrupt
         abort()
-        with suppress(OSError):
-            os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _LAST_WORDS)
+        write_from_handler(_SHOW_CURSOR, _LAST_WORDS)
         os._exit(Stopped.exit_code)
 
     heeded = [n for n in STOP_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
     previous = {n: signal.signal(n, interrupt) for n in heeded}
+    for number in PAUSE_SIGNALS:
+        previous[number] = signal.signal(number, lambda n, frame: pause())
     try:
         yield
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def write_from_handler(control: bytes, line: bytes) -> None:
+    """Write a line to stderr at once, on a terminal after control bytes; never raise."""
+    with suppress(OSError):
+        os.write(2, (control if os.isatty(2) else b"") + line)
 
 
 class Loop:

@@ -3,7 +3,9 @@
 An operator's interrupt (Ctrl-C, SIGTERM, SIGHUP) or any failure stops the motion and lifts the tip
 until nothing is felt; a second interrupt resets the controller and ends the process. After a fault
 that loses the position the tip is lifted only if the controller kept its count. Complete presses of
-the record are skipped. Data recorded before a failure are kept.
+the record are skipped. Data recorded before a failure are kept. Between two presses a run can be
+paused, by an operator (Ctrl-Z, SIGUSR1) or a monitor: the tip stays where it is, above the face,
+and the rig homed.
 """
 
 from __future__ import annotations
@@ -27,11 +29,14 @@ from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import Devices, OpenBench
 from .contact import end_contact
-from .loop import interruptible
+from .loop import interruptible, write_from_handler
 from .schedule import N_DROPPED, N_LATE, N_MISSED, N_TAKEN, N_UNWRITTEN, Schedule
 from .streams import FrameRequest
 from .wallclock import ThreadedSchedule
 
+PAUSED_BY_HAND = "by the operator; Ctrl-Z or SIGUSR1 continues"
+_PAUSE_WORDS = b"deltact-fab: pauses before the next press; Ctrl-Z or SIGUSR1 takes it back\n"
+_CLEAR_LINE = b"\r\x1b[2K"  # of a progress bar
 RESUME_HINT = "complete presses are kept: continue with --resume"
 PRIOR_PLAN_S = 10.0  # by hand: weight of the plan before any step was timed
 GEL_STEP_MM = 0.5  # overhead of a simulated step, as path; measured (commit 34b20c4b)
@@ -58,6 +63,8 @@ class Runner:
         self._streams: Schedule = kind(devices, writer, self._report)
         self._stage = devices.stage
         self._mounted = ""
+        self._pausing = False  # wanted by the operator
+        self._paused = ""  # reasons of the present pause
         self._n_resumed = self._total = 0  # frames
         self._remaining: RemainingTime | None = None
 
@@ -71,7 +78,7 @@ class Runner:
         todo = [i for i, s in enumerate(steps) if s.press not in self._writer.kept_presses]
         self._n_resumed = self._total - sum(steps[i].frames for i in todo)
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
-        with interruptible(self._stage.abort):
+        with interruptible(self._stage.abort, self._toggle_pause):
             try:
                 self._set_up([steps[i] for i in todo])
                 previous = -1
@@ -121,6 +128,8 @@ class Runner:
         step = steps[i]
         try:
             try:
+                if steps[i - 1].press != step.press or not i:
+                    self._pause(step.press)
                 if take_up:
                     self._resume_at(steps, i)
                 self._carry_out(step, last)
@@ -141,6 +150,32 @@ class Runner:
             if isinstance(error, DeltactFabError):
                 raise type(error)(f"{error} ({lifted})") from error
             raise
+
+    def _toggle_pause(self) -> None:
+        """Begin or end a pause by the operator; called in a signal handler."""
+        self._pausing = not self._pausing
+        if self._pausing:
+            write_from_handler(_CLEAR_LINE, _PAUSE_WORDS)
+
+    def _pause(self, press: str) -> None:
+        """Wait before a press while the operator or a monitor asks for it; nothing moves."""
+        noted: set[str] = set()
+        since_s = time.monotonic()
+        assert self._remaining is not None
+        while True:
+            by_monitor = self._streams.hindrances()
+            reasons = ({"": PAUSED_BY_HAND} if self._pausing else {}) | (by_monitor or {})
+            for key in reasons.keys() - noted:
+                self._streams.notify("paused", f"before {press}: {reasons[key]}")
+            noted |= reasons.keys()
+            self._paused = "; ".join(reasons.values())
+            if not reasons and by_monitor is not None:
+                break
+            self._streams.stand()
+        paused_s = time.monotonic() - since_s
+        self._remaining.leave_out(paused_s)
+        if noted:
+            self._streams.notify("continued", f"{press}, after {format_duration(paused_s)}")
 
     def _resume_at(self, steps: Sequence[Step], i: int) -> None:
         """Mount the indenter of a press and go to the end of the step before it.
@@ -200,14 +235,15 @@ class Runner:
     def _report(self, step: Step) -> None:
         counts = self._streams.counts
         n_done = self._n_resumed + counts[N_TAKEN] + counts[N_MISSED] + counts[N_UNWRITTEN]
-        self._progress(n_done, self._total, step.id)
+        name = f"paused: {self._paused}" if self._paused else step.id
+        self._progress(n_done, self._total, name)
         if self._live is not None and self._remaining is not None:
             n_lost = counts[N_MISSED] + counts[N_UNWRITTEN] + counts[N_DROPPED]
             force, now_ns = self._streams.force, self._streams.now_ns()
             force_n = force.newest_n(now_ns) if force is not None else None
-            left_s = self._remaining.left_s()
+            left_s = None if self._paused else self._remaining.left_s()
             n = n_done, self._total
-            self._live(RunProgress(step.id, *n, force_n, counts[N_LATE], n_lost, left_s))
+            self._live(RunProgress(name, *n, force_n, counts[N_LATE], n_lost, left_s))
 
     def _cut_off(self, step: Step, kind: str, text: str) -> None:
         """Record pending data of an interrupted run; errors here are suppressed."""
@@ -224,13 +260,13 @@ class Runner:
 class RunProgress:
     """State of a run: step, frames, force, remaining time."""
 
-    step: str
+    step: str  # or "paused: " with the reason
     frames_done: int  # of frames_total
     frames_total: int
     force_n: tuple[float, float, float] | None
     frames_late: int
     frames_lost: int  # missed, unwritten or dropped by the camera
-    left_s: float | None  # wall time; None until it can be estimated
+    left_s: float | None  # wall time; None until it can be estimated, and in a pause
 
     def line(self) -> str:
         """Return a status line; Fz in the sensor's z, negative in a press."""
@@ -286,6 +322,10 @@ class RemainingTime:
             return None
         left_s = self._left_s * self._took_s / self._done_s
         return max(left_s - (time.monotonic() - self._since_s), 0.0)
+
+    def leave_out(self, pause_s: float) -> None:
+        """Take a pause that has just ended out of the times."""
+        self._since_s += pause_s
 
 
 def _planned_s(steps: Sequence[Step], i: int) -> float:

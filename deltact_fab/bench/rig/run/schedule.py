@@ -8,9 +8,12 @@ from the connection on, every GUARD_PERIOD_NS, in every motion except homing.
 
 from __future__ import annotations
 
+import logging
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 
 from deltact_fab.common import DeltactFabError, SensorError, to_ns
 
@@ -20,12 +23,15 @@ from ...record.streams import Chunk
 from ...record.writer import RunWriter
 from ..interface import CameraFrame, Devices
 from .contact import FeltForce, streaming
+from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
 from .streams import ForceStream, FrameRequest, FrameStream, PoseStream
 
+_LOG = logging.getLogger(__name__)
 POSE_PERIOD_NS = to_ns(STATUS_INTERVAL_S)
 # By hand: longer periods let a virtual guard trip later, shorter ones cost simulation time.
 GUARD_PERIOD_NS = 8_000_000
 SAMPLE_WAIT_NS = 1_000_000  # duration of a read, at 1 kHz
+PAUSE_LOOK_S = 0.2  # by hand: between two looks at stage and monitors in a pause
 N_TAKEN = "taken"
 # Ids of the record's events for frames.
 N_LATE, N_MISSED, N_UNWRITTEN = "frames late", "frames missed", "frames unwritten"
@@ -63,11 +69,14 @@ class Schedule:
         depth = self.force.depth if self.force is not None else None
         self.pose = PoseStream(devices.stage, devices.clock, depth)
         self.frames = FrameStream(devices.camera, devices.clock, self._record_frame)
+        self._loops: list[Loop] = []
 
     # ---- called by the thread that moves the stage ----------------------------------------------
 
     def open(self) -> None:
-        """Start the force stream for the guard; nothing else streams outside of a press."""
+        """Start monitors, and the force stream for the guard; nothing else streams outside of a
+        press."""
+        self._open_monitors()
         if self._guarded and self.force is not None:
             self.force.keeping = False
             self._start_force()
@@ -132,11 +141,32 @@ class Schedule:
         yield felt_n
 
     def close(self) -> list[str]:
-        """End threads; return the names of those that did not end in time."""
-        return []
+        """End the threads, each after its present step; return the names of those that did not end
+        in time."""
+        names = [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
+        for monitor in self._d.monitors:
+            monitor.close()
+        return names
 
     def check(self) -> None:
         """Raise the error of another thread that stopped the stage, if any."""
+
+    # ---- between two presses ---------------------------------------------------------------------
+
+    def hindrances(self) -> dict[str, str] | None:
+        """Reasons of monitors against a press, by name; None while a first reading is awaited."""
+        monitors = self._d.monitors
+        problems = {m.table.name: text for m in monitors if (text := m.hindrance())}
+        return None if not problems and any(m.awaited for m in monitors) else problems
+
+    def stand(self) -> None:
+        """Wait a moment in a pause; the rig's time does not pass in lockstep."""
+        time.sleep(PAUSE_LOOK_S)
+
+    def notify(self, kind: str, text: str) -> None:
+        """Journal an event and show it on the terminal; from any thread."""
+        self.event(kind, text)
+        _LOG.warning("%s: %s", kind, text)
 
     # ---- one press -------------------------------------------------------------------------------
 
@@ -189,6 +219,8 @@ class Schedule:
         if self.force is not None:
             self._force_streams = self.force.keeping = True
             self.force.force.begin(step.press)
+        for monitor in self._d.monitors:
+            monitor.mark(self._origin_ns)
 
     def _end_camera(self, frames: Mapping[str, float]) -> None:
         assert self._d.camera is not None
@@ -203,6 +235,17 @@ class Schedule:
     @property
     def _guarded(self) -> bool:
         return self._d.guard is not None
+
+    def _open_monitors(self) -> None:
+        for monitor in self._d.monitors:
+            monitor.start(self._d.wall_clock, partial(self.notify, "monitor"))
+            loop = Loop(f"monitor {monitor.table.name}", monitor.step, self._fail)
+            self._loops.append(loop)
+            loop.ask(lambda: None, LOOP_ANSWER_S, going=True)
+
+    def _fail(self, error: BaseException) -> None:
+        """Handle an error that ended a thread."""
+        self.event("fault", f"{type(error).__name__}: {error}")
 
     def _waits_for_room(self, request: FrameRequest) -> bool:
         return True
@@ -257,7 +300,8 @@ class Schedule:
         if self._origin_ns is None:
             return []
         chunks = self.pose.take(self._origin_ns)
-        return chunks + (self.force.take(self._origin_ns) if self.force is not None else [])
+        chunks += self.force.take(self._origin_ns) if self.force is not None else []
+        return chunks + [c for m in self._d.monitors for c in m.take(self._origin_ns)]
 
     def _record_frame(
         self,

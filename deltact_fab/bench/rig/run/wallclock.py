@@ -19,8 +19,8 @@ from ...protocols.plan import Step
 from ...record.writer import RunWriter
 from ..interface import Devices
 from .contact import FeltForce, eased, mean_force_n
-from .loop import LOOP_ANSWER_S, LOOP_END_S, Loop
-from .schedule import POSE_PERIOD_NS, Schedule
+from .loop import LOOP_ANSWER_S, Loop
+from .schedule import PAUSE_LOOK_S, POSE_PERIOD_NS, Schedule
 from .streams import FrameRequest
 
 # By hand: longer times see a fault later, shorter ones load the host.
@@ -38,13 +38,13 @@ class ThreadedSchedule(Schedule):
         self._error: BaseException | None = None
         self._ending = False
         self._last_frame_ns = 0
-        self._loops: list[Loop] = []
         self._camera_loop: Loop | None = None
         self._force_loop: Loop | None = None
 
     def open(self) -> None:
         """Start the threads; the guard is armed on return. Raises SensorError."""
         self._writer.failed = self._fail
+        self._open_monitors()
         if self._d.camera is not None:
             self._writer.load_encoder()
             self._camera_loop = Loop("camera", self.frames.step, self._fail)
@@ -133,9 +133,16 @@ class ThreadedSchedule(Schedule):
             yield felt_n
 
     def close(self) -> list[str]:
-        """End the threads, each after its present step."""
         self._ending = True
-        return [loop.name for loop in self._loops if not loop.end(LOOP_END_S)]
+        return super().close()
+
+    def stand(self) -> None:
+        """Ask the stage where it is, then wait a moment with the guard armed.
+
+        Raises StageError for an alarm, a restart or silence.
+        """
+        self._d.stage.position_mm()
+        self._until(self.now_ns() + to_ns(PAUSE_LOOK_S))
 
     def _begin_devices(self, step: Step) -> None:
         camera, stream = self._d.camera, self.force
