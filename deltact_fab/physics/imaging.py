@@ -67,6 +67,9 @@ class Exposure:
     position: (h, w, 2) from the view's middle, in half diagonals; inf where nothing is seen.
     """
 
+    brightness = 1.0
+    """Light at present, as a share of the design's."""
+
     def __init__(self, sensor: ImageSensor, position: NDArray[np.float32]) -> None:
         self._sensor = sensor
         square = np.minimum(np.sum(position**2, axis=-1)[..., None], _FAR_SQUARED)
@@ -118,7 +121,7 @@ class Exposure:
         if sensor.corner_blur_px > sensor.blur_px:
             outer = cv2.GaussianBlur(radiance, (0, 0), sensor.corner_blur_px)
             light = light + (outer - light) * self._outward
-        return np.asarray(light * self._light + self._highlight)
+        return np.asarray((light * self._light + self._highlight) * np.float32(self.brightness))
 
     def _digitised(self, raw: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
         sensor = self._sensor

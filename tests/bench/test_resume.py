@@ -28,7 +28,12 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_presses
 
-DRIFT = ""
+DRIFT = """
+[virtual.drift]
+force_gain_per_h = 0.5
+light_per_h = -0.5
+residual = 0.3
+"""
 # The command line in a process that kills itself inside the n-th call of a function of the record:
 # `write_whole` (an image), before it or after its rename, or os.fsync (anything).
 KILLED = """

@@ -255,7 +255,7 @@ def test_uncalibrated_lens_warns_and_uses_design(tmp_path: Path) -> None:
         ('[camera]\nmodel = "fisheye"\nfpx = 3.0\n', r"camera\.toml: camera: fpx: unknown key"),
         ('[camera]\nmodel = "fisheye"\n', r"camera\.toml: an image of 1280 x 720 px, and"),
         (camera_toml(Fisheye(f_px=200.0, cx_px=209.5, cy_px=169.5, width_px=420, height_px=340)),
-         r"camera\.toml: the view's border is up to \d\.\d mm off that of \[virtual"),
+         r"camera\.toml: the view's border is up to \d\.\d mm off that of the true camera"),
     ],
 )  # fmt: skip
 def test_unusable_camera_file_leaves_no_folder(

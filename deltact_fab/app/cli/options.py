@@ -118,6 +118,10 @@ ON_OPTION = click.option(
 GRID_OPTIONS = (JOBS_OPTION, ON_OPTION)
 
 SEED_TYPE = click.IntRange(min=0)
+SENSOR_OPTION = click.option(
+    "--sensor", type=SEED_TYPE, metavar="N",
+    help="Sensor number N of the rig's [virtual.population]; without it the nominal sensor."
+)  # fmt: skip
 
 
 def seed(help: str, default: int = 0) -> Decorator:

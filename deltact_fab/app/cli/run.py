@@ -10,7 +10,7 @@ import click
 
 from deltact_fab.common import check_writable, format_duration
 
-from .options import NAME_OR_PATH, PATH_TYPE, RIG_OPTION, TIP_IS_CLEAR, seed
+from .options import NAME_OR_PATH, PATH_TYPE, RIG_OPTION, SENSOR_OPTION, TIP_IS_CLEAR, seed
 from .output import Answer, answers, progress
 
 
@@ -18,6 +18,7 @@ from .output import Answer, answers, progress
 @click.argument("protocol", type=NAME_OR_PATH)
 @RIG_OPTION
 @seed("Seed of all random numbers.")
+@SENSOR_OPTION
 @click.option("--out", type=PATH_TYPE, metavar="DIR", help="New folder for the run.")
 @click.option("--resume", is_flag=True, help="Continue the unfinished run in --out.")
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
@@ -29,8 +30,8 @@ from .output import Answer, answers, progress
               help="Check everything and query each device, but move nothing.")  # fmt: skip
 @answers
 def run(
-    protocol: str, rig_name: str, seed: int, out: Path | None, resume: bool, air: bool,
-    unattended: bool, tip_is_clear: bool, note: str | None, dry_run: bool,
+    protocol: str, rig_name: str, seed: int, sensor: int | None, out: Path | None, resume: bool,
+    air: bool, unattended: bool, tip_is_clear: bool, note: str | None, dry_run: bool,
 ) -> Answer:  # fmt: skip
     """Carry out PROTOCOL on a rig and record it in a new folder.
 
@@ -58,7 +59,7 @@ def run(
     with progress("dry run" if dry_run else "run") as report:
         request = RunRequest(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
-            unattended=unattended, tip_is_clear=tip_is_clear,
+            unattended=unattended, tip_is_clear=tip_is_clear, sensor=sensor,
         )  # fmt: skip
         if dry_run:
             plan = dry_run_experiment(request)

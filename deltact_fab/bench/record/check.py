@@ -16,6 +16,7 @@ from . import notes
 from .files import (
     LATTICE_FILE,
     LENS_FILE,
+    SENSOR_FILE,
     UNHASHED_FORMAT,
     frame_id_of,
     metadata_files,
@@ -163,7 +164,8 @@ def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:
     """
     hashes: dict[str, str] = dict(db.execute("SELECT file, sha256 FROM files"))
     begun, ended = metadata_files(run.folder, False), metadata_files(run.folder, True)
-    late = {"summary.json", *ended, *(file for file in hashes if file.startswith("truth/"))}
+    truths = (file for file in hashes if file.startswith("truth/") and file != SENSOR_FILE)
+    late = {"summary.json", *ended, *truths}
     for file in sorted({*begun, *ended, *hashes}):
         if file in late and not run.finished:
             continue

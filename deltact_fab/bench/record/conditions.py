@@ -8,8 +8,8 @@ from typing import Any
 
 from deltact_fab.common import InputError
 
-from .files import RUN_FORMAT, json_bytes
-from .folder import read_file
+from .files import RUN_FORMAT, SENSOR_FILE, json_bytes, read_record
+from .folder import has_file, read_file
 from .run import Run
 
 # Keys that may differ on resume: they change no result and no file.
@@ -25,10 +25,11 @@ def require_same_conditions(
     protocol: bytes,
     pattern: dict[str, Any],
     with_versions: bool = True,
+    truth: dict[str, Any] | None = None,
 ) -> None:
     """Refuse to resume a run whose conditions have changed.
 
-    meta, protocol, pattern: as for `RunWriter.create`. Raises InputError naming the first
+    meta, protocol, pattern, truth: as for `RunWriter.create`. Raises InputError naming the first
     key that differs, with its stored and its current value.
     """
     if run.format != RUN_FORMAT:
@@ -36,10 +37,14 @@ def require_same_conditions(
             f"{run.folder}: cannot be resumed: format {run.format} is of an older version, for "
             "reading only"
         )
-    current = json.loads(json_bytes({**meta, "pattern": pattern}))
+    number = None if truth is None else truth["number"]
+    current = json.loads(json_bytes({**meta, "pattern": pattern, "--sensor": number}))
     stored = {**run.meta, "pattern": run.pattern}
+    if has_file(run.folder, SENSOR_FILE):
+        stored["--sensor"] = read_record(run.folder, SENSOR_FILE).get("number")
     # User input first, derived values after.
-    for part in dict.fromkeys(("protocol", "seed", "rig", "sensor", "pattern", *current, *stored)):
+    parts = ("protocol", "seed", "rig", "--sensor", "sensor", "pattern", *current, *stored)
+    for part in dict.fromkeys(parts):
         if part == "versions" and not with_versions:
             continue
         difference = _first_difference(stored.get(part), current.get(part), part)

@@ -55,7 +55,9 @@ def truth_file(name: str, suffix: str = "npz") -> str:
 
 
 LATTICE_FILE, LENS_FILE = truth_file("lattice", "json"), truth_file("lens", "json")
-"""Lattice of the true displacements, and the lens of the rendering; the calibrated one differs."""
+"""Lattice of the true displacements, and the camera of the rendering; the recorded one differs."""
+SENSOR_FILE = truth_file("sensor", "json")
+"""Number and properties of the sensor drawn from `[virtual.population]`, and its drift."""
 
 
 def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
@@ -64,7 +66,7 @@ def metadata_files(folder: Path, at_the_end: bool) -> list[str]:
     at_the_end: those written at the end of the run, else those written at its start.
     """
     initial, final = (
-        ("run.json", "protocol.toml", "pattern.json", FLAT_FILE),
+        ("run.json", "protocol.toml", "pattern.json", FLAT_FILE, SENSOR_FILE),
         ("summary.json", LATTICE_FILE, LENS_FILE),
     )
     return [name for name in (final if at_the_end else initial) if has_file(folder, name)]

@@ -20,6 +20,7 @@ from deltact_fab.common import InputError, RunFailed, validate
 from deltact_fab.sensor import (
     CameraModel,
     Fisheye,
+    Pinhole,
     Rectified,
     SeenFace,
     SurfaceLattice,
@@ -43,7 +44,7 @@ class RunTruth:
     """Ground truth of a virtual rig: surface displacement at every frame.
 
     Displacements are interpolated linearly between two solved knots, as in rendering. Pixels are
-    those of the recorded, calibrated camera; rays follow the true lens.
+    those of the recorded, calibrated camera; rays follow the true one.
     """
 
     camera: CameraModel
@@ -51,8 +52,8 @@ class RunTruth:
     frames: dict[str, tuple[str, int, int, float]]
     """Press, knots before and after, and fraction between them, by frame id."""
     folder: Path  # run folder
-    lens: Fisheye | None = None
-    """Lens of the rendering; None: the recorded camera itself."""
+    lens: Fisheye | Pinhole | None = None
+    """Camera of the rendering; None: the recorded camera itself."""
     tractions: bool = False
     """True if `traction_mpa` and `face_mm` are stored (protocol channel 'traction')."""
 
@@ -135,14 +136,15 @@ def load_truth(
     index, lens_file, lens = folder / LATTICE_FILE, folder / LENS_FILE, None
     try:
         lattice = validate(SurfaceLattice, read_record(folder, LATTICE_FILE), str(index))
-        if isinstance(camera, Rectified):
-            lens = restore_camera(read_record(folder, LENS_FILE), str(lens_file))
+        if isinstance(camera, Rectified) or has_file(folder, LENS_FILE):
+            lens = restore_camera(read_record(folder, LENS_FILE), str(lens_file), true=True)
     except UnsafeFile:
         raise
     except InputError as error:
         raise RunFailed(str(error)) from error
-    if not isinstance(lens, Fisheye | None):
-        raise RunFailed(f"{lens_file}: model: not a lens of a virtual rig")
+    expected = Fisheye if isinstance(camera, Rectified) else Pinhole
+    if lens is not None and not isinstance(lens, expected):
+        raise RunFailed(f"{lens_file}: model: not a camera of this virtual rig")
     frames: dict[str, tuple[str, int, int, float]] = {}
     for press, count in presses.items():
         if not has_file(folder, truth_file(press)):

@@ -30,6 +30,7 @@ from .check import RunVerdict, find_damage, hash_mismatches
 from .files import (
     FLAT_FILE,
     RUN_FORMAT,
+    SENSOR_FILE,
     frame_id_of,
     image_file,
     json_bytes,
@@ -94,10 +95,11 @@ class RunWriter:
         pattern: dict[str, Any],
         steps: Sequence[Step],
         flat: FlatField | None = None,
+        truth: dict[str, Any] | None = None,
     ) -> RunWriter:
         """Start a run in a new folder, created atomically.
 
-        flat: flat field of the camera in meta, applied on reading.
+        flat: flat field of the camera in meta, applied on reading. truth: see `RigKind.truth`.
         Raises InputError if the folder exists or cannot be created, RunFailed for a disk error.
         """
         if folder.exists():
@@ -117,6 +119,9 @@ class RunWriter:
             }
             if flat is not None:
                 files[FLAT_FILE] = flat.to_png()
+            if truth is not None:
+                files[SENSOR_FILE] = json_bytes(truth)
+                (part / SENSOR_FILE).parent.mkdir()
             for name, data in files.items():
                 write_whole(part / name, data)
             with journal_errors(part), closing(connect(part, new=True)) as db:

@@ -3,12 +3,14 @@
 `kind` decides what a rig is: `virtual` simulates everything below the wire and has the tables of
 its simulators under `[virtual]`; `grbl` drives a real controller on `stage.port`. `[stage]` and
 `[force]` describe the devices of both. `[camera]` names the lens calibration; `[virtual.lens]` is
-the true lens of a simulated camera, which no estimator may read.
+the true lens of a simulated camera, `[virtual.population]` the spread of sensors about their
+design, `[virtual.drift]` their change with time: no estimator may read these.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import fields
 from os.path import isfile
 from pathlib import Path
@@ -19,7 +21,9 @@ from pydantic import Field, create_model, model_validator
 from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
 from deltact_fab.sensor import Fisheye, ImageSensor, Printer
 
+from ..protocols.limits import planned_ends_s
 from ..protocols.motion import StageConfig, StageTilt
+from ..protocols.plan import Step
 from .tables import (
     CameraConfig,
     CameraFile,
@@ -121,12 +125,58 @@ else:  # every key of the lens, with the limits and the meaning that it has ther
     )
 
 
+class PopulationConfig(Table):
+    """Standard deviations between sensors of one design. `--sensor N` draws one of them, within
+    three deviations; without it the sensor is the nominal one."""
+
+    modulus: float = Field(default=0.0, ge=0, le=1)
+    """Deviation of the gel's modulus, relative (lognormal)."""
+    poisson: float = Field(default=0.0, ge=0, le=0.1)
+    """Deviation of Poisson's ratio, which stays within the limits of the gel's level."""
+    thickness_mm: float = Field(default=0.0, ge=0, le=5)
+    """Deviation of the gel's thickness, which also moves the face away from the camera."""
+    sticker_mm: float = Field(default=0.0, ge=0, le=5)
+    """Deviation of the sticker's place along x, and along y."""
+    sticker_deg: float = Field(default=0.0, ge=0, le=10)
+    """Deviation of the sticker's turn about its middle."""
+    spread_um: float = Field(default=0.0, ge=0, le=100)
+    """Deviation of the spread of the ink."""
+    light: float = Field(default=0.0, ge=0, le=1)
+    """Deviation of the light, relative (lognormal)."""
+    camera_mm: float = Field(default=0.0, ge=0, le=2)
+    """Deviation of the camera's place along x, and along y."""
+    camera_height_mm: float = Field(default=0.0, ge=0, le=2)
+    """Deviation of the camera's distance from the face."""
+    camera_roll_deg: float = Field(default=0.0, ge=0, le=10)
+    """Deviation of the image's rotation."""
+    camera_tilt_deg: float = Field(default=0.0, ge=0, le=3)
+    """Deviation of the camera's tilt about x, and about y; only with `[virtual.lens]`."""
+
+
+class DriftConfig(Table):
+    """Change of the sensor during a run, by the planned time since the start of the run."""
+
+    force_gain_per_h: float = Field(default=0.0, ge=-100, le=100)
+    """Growth of the force sensor's gain, as a share per hour."""
+    light_per_h: float = Field(default=0.0, ge=-100, le=100)
+    """Growth of the light, as a share per hour."""
+    residual: float = Field(default=0.0, ge=0, lt=1)
+    """Depth that remains of a press at its end, as a share. It lowers the force of the next press
+    near it; images do not show it."""
+    recovery_s: float = Field(default=60.0, ge=0.1, le=1e6)
+    """Time constant in s, exponential, in which the remaining depth recovers."""
+
+
 class SimulatorConfig(Table):
     """Settings that only a virtual rig has."""
 
     camera: ImageSensor = Field(default_factory=ImageSensor)
     lens: LensConfig | None = None
     """Lens of the camera; without it the camera is a pinhole."""
+    population: PopulationConfig | None = None
+    """Spread of the sensors of one design; without it all are alike."""
+    drift: DriftConfig | None = None
+    """Change with time; without it nothing changes."""
     printer: Printer = Field(default_factory=Printer)
     force: NoiseConfig = NoiseConfig()
     gel: GelConfig = GelConfig()
@@ -160,15 +210,29 @@ class VirtualConfig(Table):
                 "camera.model: a virtual rig without [virtual.lens] has a pinhole camera, which "
                 "needs no calibration; add [virtual.lens] or remove [camera]"
             )
+        population = self.virtual.population
+        if population is not None and population.camera_tilt_deg and self.virtual.lens is None:
+            raise ValueError(
+                "virtual.population.camera_tilt_deg: must be 0 for a pinhole camera (got "
+                f"{population.camera_tilt_deg:g}); add [virtual.lens] for a camera that tilts"
+            )
         return self
 
     def recorded(self) -> dict[str, Any]:
-        """Return the data for a record; of the true lens only a hash, to tell a change."""
+        """Return the data for a record; of what is hidden only hashes, to tell a change."""
         data = _dumped(self)
-        if self.virtual.lens is not None:
-            text = self.virtual.lens.model_dump_json(exclude_none=True)
-            data["virtual"]["lens"] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+        for name in ("lens", "population", "drift"):
+            hidden = getattr(self.virtual, name)
+            if hidden is not None:
+                text = hidden.model_dump_json(exclude_none=True)
+                data["virtual"][name] = {"sha256": hashlib.sha256(text.encode()).hexdigest()}
+            elif name != "lens":  # records without these tables stay the same
+                del data["virtual"][name]
         return data
+
+    def planned_ends_s(self, steps: Sequence[Step]) -> list[float]:
+        """End times (n + 1,) of homing and of all steps (n) of a protocol, as planned."""
+        return planned_ends_s(steps, self.stage)
 
 
 class GrblConfig(Table):

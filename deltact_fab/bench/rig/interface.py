@@ -417,6 +417,10 @@ class RigKind(ABC):
         Raises InputError for an unreadable or unsuitable calibration.
         """
 
+    def truth(self, protocol: plan.Protocol, sensor: SensorDimensions) -> dict[str, Any] | None:
+        """Return the properties of a simulated sensor that no estimator may read; None without."""
+        return None
+
     def flat(self, protocol: plan.Protocol) -> FlatField | None:
         """Return the flat field of that camera if there is one. Raises InputError."""
         camera = self._config.camera

@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from deltact_fab.common import Array, InputError, Point
+from deltact_fab.common import Array, InputError, Point, Point2
 
 from ..shapes.sensor import N_SILICONE, SensorDimensions
 
@@ -144,7 +144,7 @@ class Pinhole(ScaledView):
         index = N_SILICONE if medium == "gel" else 1.0
         face_mm = self.rest_mm(px)
         zeros, ones = np.zeros_like(face_mm[..., :1]), np.ones_like(face_mm[..., :1])
-        slope = face_mm / (self.eye_distance_mm * index)
+        slope = (face_mm - self._foot_mm) / (self.eye_distance_mm * index)
         return np.concatenate((face_mm, zeros), axis=-1), np.concatenate((slope, ones), axis=-1)
 
     def maps(self) -> None:
@@ -152,6 +152,58 @@ class Pinhole(ScaledView):
 
     def as_dict(self) -> dict[str, Any]:
         return {"model": "pinhole", **asdict(self)}
+
+    @property
+    def _foot_mm(self) -> Point2:
+        """Point of the face on the axis."""
+        return 0.0, 0.0
+
+    def with_pose(self, at_mm: Point2, height_mm: float, gel_mm: float, roll_deg: float) -> Pinhole:
+        """Return this camera moved in its plane and turned about its axis.
+
+        height_mm, gel_mm: air and gel that are added between it and the face.
+        """
+        eye_mm = self.eye_distance_mm + height_mm + gel_mm / N_SILICONE
+        scale = self.mm_per_px * eye_mm / self.eye_distance_mm
+        return MovedPinhole(scale, self.width_px, self.height_px, eye_mm, *at_mm, roll_deg)
+
+
+@dataclass(frozen=True)
+class MovedPinhole(Pinhole):
+    """A pinhole above (x0_mm, y0_mm), its image rotated by roll_deg as a `Fisheye`'s.
+
+    It sees the face shifted and rotated, so its image is rectified before it is used.
+    """
+
+    x0_mm: float = 0.0
+    y0_mm: float = 0.0
+    roll_deg: float = 0.0
+
+    def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
+        return self._roll(super().project_px(xyz_mm - (*self._foot_mm, 0.0), medium), 1)
+
+    def rest_px(self, xy_mm: Array) -> Array:
+        return self._roll(super().rest_px(xy_mm - self._foot_mm), 1)
+
+    def rest_mm(self, px: Array) -> Array:
+        return super().rest_mm(self._roll(px, -1)) + self._foot_mm
+
+    def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
+        """Intersections (..., 2) mm of the rays to points (..., 3) with the resting face."""
+        return self.rest_mm(self.project_px(xyz_mm, medium))
+
+    def as_dict(self) -> dict[str, Any]:
+        return {"model": "moved-pinhole", **asdict(self)}
+
+    @property
+    def _foot_mm(self) -> Point2:
+        return self.x0_mm, self.y0_mm
+
+    def _roll(self, px: Array, sign: int) -> Array:
+        """Image points (..., 2) rotated about the image's centre; sign: 1, or -1 for back."""
+        c, s = np.cos(np.radians(self.roll_deg)), sign * np.sin(np.radians(self.roll_deg))
+        centre = np.asarray(self.centre_px)
+        return (px - centre) @ np.array([[c, -s], [s, c]]) + centre
 
 
 @dataclass(frozen=True)

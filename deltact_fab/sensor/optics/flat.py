@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import InputError, RunFailed, did_you_mean, read_toml, toml_text, validate
 
-from .camera import CameraModel, Pinhole
+from .camera import CameraModel, MovedPinhole, Pinhole
 from .fisheye import Fisheye
 from .rectified import Rectified
 
@@ -28,13 +28,18 @@ _MODEL_TYPES: dict[str, type[Pinhole | Fisheye | Rectified]] = {
 }
 
 
-def restore_camera(data: Mapping[str, Any], source: str = "camera") -> CameraModel:
+def restore_camera(
+    data: Mapping[str, Any], source: str = "camera", true: bool = False
+) -> CameraModel:
     """Restore a camera model from `as_dict`; without "model" it is a pinhole (old files).
 
+    true: of a rendering, which may be a moved pinhole; no calibration is.
     Raises InputError prefixed with the source for an unknown model or invalid values.
     """
     values = dict(data)
     name = values.pop("model", "pinhole")
+    if true and name == "moved-pinhole":
+        return validate(MovedPinhole, values, source)
     if not isinstance(name, str) or name not in _MODEL_TYPES:
         raise InputError(f"{source}: model: {name!r}; {did_you_mean(str(name), _MODEL_TYPES)}")
     lens = values.get("lens")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deltact_fab.common import Array, InputError
 
-from .camera import CameraModel, axes_mm
+from .camera import CameraModel, Pinhole, axes_mm
 from .fisheye import Fisheye
 from .rectified import Rectified
 
@@ -164,11 +164,11 @@ class FaceMotion:
 class SeenFace:
     """Motion of the face in the pixels of a view, from displacements (ny, nx, 3) mm on a lattice.
 
-    lens: true lens of the rendering; None: the camera itself.
+    lens: true camera of the rendering; None: the camera itself.
     """
 
     def __init__(
-        self, camera: CameraModel, lattice: SurfaceLattice, lens: Fisheye | None = None
+        self, camera: CameraModel, lattice: SurfaceLattice, lens: Fisheye | Pinhole | None = None
     ) -> None:
         self.camera, self.lattice, self.lens = camera, lattice, lens
 
@@ -205,25 +205,28 @@ class SeenFace:
     def _true_lens(self) -> _TrueLensMotion | None:
         if self.lens is None:
             return None
-        assert isinstance(self.camera, Rectified), "a lens's frames are rectified"
+        assert isinstance(self.camera, Pinhole | Rectified), "a view with one scale"
         return _TrueLensMotion(self.lens, self.camera, self.lattice)
 
 
 class _TrueLensMotion:
-    """Motion in a rectified view of frames rendered through another lens than its own."""
+    """Motion in a flat view of frames rendered through another camera than its own."""
 
-    def __init__(self, lens: Fisheye, view: Rectified, lattice: SurfaceLattice) -> None:
+    def __init__(
+        self, lens: Fisheye | Pinhole, view: Pinhole | Rectified, lattice: SurfaceLattice
+    ) -> None:
         self._lens, self._view = lens, view
+        self._raw = view.lens if isinstance(view, Rectified) else view
         columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
         px = np.stack((columns, rows), axis=-1).astype(float)
-        seen_mm = lens.rest_mm(view.lens.rest_px(view.rest_mm(px))).reshape(-1, 2)
+        seen_mm = lens.rest_mm(self._raw.rest_px(view.rest_mm(px))).reshape(-1, 2)
         self._shape = px.shape
         self._motion = FaceMotion(lattice, self.project_px)
         self._at_seen = PointSampler(self._motion.lattice, seen_mm)
 
     def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
         """Project points (..., 3) mm through the true lens to the view (..., 2) px."""
-        return self._view.rest_px(self._view.lens.rest_mm(self._lens.project_px(xyz_mm)))
+        return self._view.rest_px(self._raw.rest_mm(self._lens.project_px(xyz_mm)))
 
     def motion(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Motion as in `SeenFace.motion`."""

@@ -52,6 +52,8 @@ class RunRequest:
     """No prompts: a step that needs an operator is refused."""
     tip_is_clear: bool = False
     """Confirmed by the operator after the position was lost."""
+    sensor: int | None = None
+    """Number of the sensor that is drawn from the virtual rig's population; None: the nominal."""
 
     protocol: Protocol = field(init=False)
     source: Path = field(init=False)
@@ -65,12 +67,14 @@ class RunRequest:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"--seed: {self.seed}; expected 0 or more")
+        if self.sensor is not None and self.sensor < 0:
+            raise InputError(f"--sensor: {self.sensor}; expected 0 or more")
         self.protocol, self.source = load_protocol(self.protocol_name, by_hand=True)
         self.rig, self.rig_path = load_rig(self.rig_name)
         self.design = load_design(self.protocol.specimen.design)
         descent_feed = math.inf if self.rig.simulated else self.rig.stage.descent_feed_mm_min
         self.steps = expand_protocol(self.protocol, self.air, descent_feed)
-        self.kind = rig_kind(self.rig, self.rig_path)
+        self.kind = rig_kind(self.rig, self.rig_path, self.sensor)
         if self.protocol.weights is not None and self.rig.kind == "grbl":
             for option in ("unattended", "air"):
                 if getattr(self, option):
@@ -205,13 +209,16 @@ class RunRequest:
         return []
 
 
-def rig_kind(rig: RigConfig, source: Path) -> RigKind:
+def rig_kind(rig: RigConfig, source: Path, sensor: int | None = None) -> RigKind:
     """Return the implementation of a rig's kind. No other kind is imported.
 
-    source: of the rig file, from which the paths in it count. Raises InputError.
+    source: of the rig file, from which the paths in it count. sensor: see `RunRequest`. Raises
+    InputError.
     """
     if rig.kind == "grbl":
+        if sensor is not None:
+            raise InputError(f"--sensor: {sensor}; {source} is a real rig, whose sensor is its own")
         return GrblKind(rig, source)
     from ..virtual.rig import VirtualKind
 
-    return VirtualKind(rig, source)
+    return VirtualKind(rig, source, sensor)

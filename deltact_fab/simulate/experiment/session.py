@@ -61,11 +61,12 @@ def run_experiment(
     job = request.setup(out)
     text = request.source.read_bytes()
     meta = run_metadata(job, rig, request.rig_name)
-    pattern = request.recipe.as_record()
+    pattern, truth = request.recipe.as_record(), request.kind.truth(protocol, request.design)
     resuming = out.exists() and resume
     if resuming:
         recorded = open_run(out)
-        require_same_conditions(recorded, meta, text, pattern, with_versions=not recorded.finished)
+        versions = not recorded.finished
+        require_same_conditions(recorded, meta, text, pattern, versions, truth)
         if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
@@ -78,7 +79,8 @@ def run_experiment(
     if resuming:
         writer = RunWriter.resume(out, steps, request.progress)
     else:
-        writer = RunWriter.create(out, meta, text, pattern, steps, request.kind.flat(protocol))
+        flat = request.kind.flat(protocol)
+        writer = RunWriter.create(out, meta, text, pattern, steps, flat, truth)
     try:
         if remark is not None:
             remark.add_to(out)
@@ -136,14 +138,19 @@ def dry_run_experiment(request: RunRequest) -> dict[str, Any]:
 
 
 def run_presses(
-    job: RigSetup, rig: VirtualConfig, source: Path, presses: Collection[str]
+    job: RigSetup,
+    rig: VirtualConfig,
+    source: Path,
+    presses: Collection[str],
+    sensor: int | None = None,
 ) -> VirtualRig:
     """Carry out presses of a job, by name, alone, as the whole run has them.
 
     What a press gives depends on the seed and its name, not on what came before it; so presses can
     be carried out anywhere, in any order, and are those of the whole run but for the time of day.
     They are recorded into the job's folder. source: of the rig file, from which the paths in it
-    count. What a run is checked for is left to the caller, and no monitor is read. Returns the rig,
+    count. sensor: number of the one that is drawn from the rig's population; None: the nominal one.
+    What a run is checked for is left to the caller, and no monitor is read. Returns the rig,
     closed, for what it has to say of its gel. Raises InputError for a folder that is there,
     RunFailed.
     """
@@ -157,12 +164,12 @@ def run_presses(
             steps.append(step)
     if steps and steps[-1].kind == "change":
         steps.pop()
-    kind = VirtualKind(rig.model_copy(update={"monitor": None}), source)
+    kind = VirtualKind(rig.model_copy(update={"monitor": None}), source, sensor)
     meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
     assert isinstance(job.recipe, PatternRecipe), "a virtual rig draws it"
-    flat = kind.flat(job.protocol)
-    writer = RunWriter.create(job.folder, meta, text, job.recipe.as_record(), steps, flat)
+    flat, truth = kind.flat(job.protocol), kind.truth(job.protocol, job.sensor)
+    writer = RunWriter.create(job.folder, meta, text, job.recipe.as_record(), steps, flat, truth)
     try:
         with closing(kind.build(job)) as bench:
             carry_out_steps(bench, steps, writer)

@@ -15,19 +15,25 @@ from deltact_fab.bench import CameraFrame, Clock, RunTruth, VirtualConfig
 from deltact_fab.common import Field, RunFailed, write_whole
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, SurfaceLattice
 
+from .drift import Drift
 from .picture import BAND_PX, FrameRenderer, PictureGeometry, RawView
+from .population import NOMINAL_SENSOR, SensorDraw
 from .scene import GelScene, LatticeCrop
 
 FrameKnots = tuple[int, int, float]  # keys of the knots around it, and how far it is from the first
 
 
 def crop_lattice(
-    config: VirtualConfig, sensor: SensorDimensions, axes_mm: tuple[Field, Field]
+    config: VirtualConfig,
+    sensor: SensorDimensions,
+    axes_mm: tuple[Field, Field],
+    draw: SensorDraw = NOMINAL_SENSOR,
 ) -> LatticeCrop:
     """Crop a gel's lattice, with nodes (nx,) and (ny,), to what the rig's camera can see."""
     optics = sensor.optics
     view = optics.view_mm
-    margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if config.virtual.lens is not None else 0)
+    wider = config.virtual.lens is not None or draw.number is not None
+    margin_px = PictureGeometry.MARGIN_PX + (BAND_PX if wider else 0)
     margin_mm = margin_px * optics.mm_per_px
     return LatticeCrop(*axes_mm, (view[0] / 2 + margin_mm, view[1] / 2 + margin_mm))
 
@@ -37,17 +43,18 @@ def picture_geometry(
     sensor: SensorDimensions,
     view: Pinhole | Rectified,
     lattice: SurfaceLattice,
-) -> tuple[PictureGeometry, Fisheye | None]:
-    """The geometry of the rig's picture, and its true lens; None: a pinhole.
+    draw: SensorDraw = NOMINAL_SENSOR,
+) -> tuple[PictureGeometry, Fisheye | Pinhole | None]:
+    """The geometry of the rig's picture, and its true camera; None: the view itself.
 
     view: of the images that are tracked.
     """
-    if not isinstance(view, Rectified):
+    if draw.number is None and not isinstance(view, Rectified):
         return PictureGeometry(view, lattice), None
-    from .lens import true_lens
+    from .lens import true_camera
 
-    lens = true_lens(config, sensor)
-    return PictureGeometry(RawView(lens, view), lattice), lens
+    lens = true_camera(config, sensor, view, draw)
+    return PictureGeometry(view if lens is None else RawView(lens, view), lattice), lens
 
 
 @dataclass
@@ -55,7 +62,7 @@ class VirtualCamera:
     """Implements rig.interface.Camera; at the end of a press it stores the truth of its frames.
 
     scene: what is drawn. lattice: where its knots have their displacements. lens: what the picture
-    is drawn through; None: a pinhole. folder: of the run.
+    is drawn through; None: the recorded pinhole. folder: of the run. drift: of the light.
     """
 
     picture: FrameRenderer
@@ -63,8 +70,9 @@ class VirtualCamera:
     seed: int
     scene: GelScene
     lattice: SurfaceLattice
-    lens: Fisheye | None
+    lens: Fisheye | Pinhole | None
     folder: Path
+    drift: Drift | None = None
 
     def __post_init__(self) -> None:
         self._stream: str | None = None
@@ -82,6 +90,8 @@ class VirtualCamera:
         assert self._stream is not None, "begin() comes before the first frame"
         observation = self.scene.observe()
         self._frames.append((observation.a.key, observation.b.key, observation.fraction))
+        if self.drift is not None:
+            self.picture.set_light(self.drift.light())
         return CameraFrame(
             self.picture.render(observation.displacement_mm(), self._rng), self.clock.now_s()
         )
@@ -95,7 +105,7 @@ class VirtualCamera:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise RunFailed(f"{path.parent}: cannot be created: {error.strerror}") from error
-        models: dict[str, SurfaceLattice | Fisheye] = {"lattice": self.lattice}
+        models: dict[str, SurfaceLattice | Fisheye | Pinhole] = {"lattice": self.lattice}
         if self.lens is not None:
             models["lens"] = self.lens
         for name, model in models.items():
@@ -125,7 +135,7 @@ class VirtualCamera:
         self._stream = None
 
     def identity(self) -> dict[str, Any]:
-        projection = "pinhole" if self.lens is None else "fisheye"
+        projection = "fisheye" if isinstance(self.lens, Fisheye) else "pinhole"
         return {"kind": "virtual", "projection": projection}
 
     def close(self) -> None:

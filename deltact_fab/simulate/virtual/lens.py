@@ -14,9 +14,10 @@ import numpy as np
 from deltact_fab.bench import VirtualConfig, load_view, view_notes
 from deltact_fab.common import InputError, Note
 from deltact_fab.fabricate import load_design
-from deltact_fab.sensor import Fisheye, Rectified, SensorDimensions, restore_camera
+from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, restore_camera
 
 from .picture import BAND_PX
+from .population import NOMINAL_SENSOR, SensorDraw
 
 ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """Largest deviation of a sensor put together by hand; a larger one is another sensor's."""
@@ -49,6 +50,26 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
     return lens
 
 
+def true_camera(
+    config: VirtualConfig,
+    sensor: SensorDimensions,
+    view: Pinhole | Rectified,
+    draw: SensorDraw = NOMINAL_SENSOR,
+) -> Fisheye | Pinhole | None:
+    """Camera that a drawn sensor is rendered through; None: the view itself.
+
+    Raises InputError for one of another sensor, or so far off that the view is not in its picture.
+    """
+    camera = draw.camera(true_lens(config, sensor) if isinstance(view, Rectified) else view)
+    if draw.number is not None:
+        source, remedy = (
+            f"virtual.population: sensor {draw.number}",
+            "lower the camera's deviations",
+        )
+        _require_drawn(camera, view, source, remedy)
+    return None if camera is view else camera
+
+
 def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) -> Rectified:
     """The view that trackers take, by the calibrated lens; by the design's where none was.
 
@@ -71,29 +92,35 @@ def tracked_view(config: VirtualConfig, sensor: SensorDimensions, source: Path) 
     return view
 
 
-def _require_drawn(true: Fisheye, view: Rectified, source: str) -> None:
+def _require_drawn(
+    true: Fisheye | Pinhole,
+    view: Pinhole | Rectified,
+    source: str,
+    remedy: str = "calibrate this rig's own camera",
+) -> None:
     """Refuse a view of which the border is not in the drawn picture."""
-    if (true.width_px, true.height_px) != (view.lens.width_px, view.lens.height_px):
+    lens = view.lens if isinstance(view, Rectified) else view
+    if (true.width_px, true.height_px) != (lens.width_px, lens.height_px):
         raise InputError(
-            f"{source}: an image of {view.lens.width_px} x {view.lens.height_px} px, and "
-            f"[virtual.lens] makes {true.width_px} x {true.height_px} px"
+            f"{source}: an image of {lens.width_px} x {lens.height_px} px, and [virtual.lens] "
+            f"makes {true.width_px} x {true.height_px} px"
         )
     w, h = view.width_px - 1, view.height_px - 1
     x, y = np.linspace(0, w, 65), np.linspace(0, h, 65)
     sides = [(x, 0 * x), (x, 0 * x + h), (0 * y, y), (0 * y + w, y)]
     border_mm = view.rest_mm(np.concatenate([np.stack(side, axis=-1) for side in sides]))
     try:
-        raw = view.lens.rest_px(border_mm)
+        raw = lens.rest_px(border_mm)
     except InputError as error:
         raise InputError(f"{source}: the view's border: {error}") from error
     looks_mm = true.rest_mm(raw)
-    inside = ((raw >= 0) & (raw <= (true.width_px - 1, true.height_px - 1))).all()
+    inside = ((raw > -1e-6) & (raw < (true.width_px - 1 + 1e-6, true.height_px - 1 + 1e-6))).all()
     off_mm = np.nan_to_num(np.hypot(*(looks_mm - border_mm).T), nan=np.inf).max()
     most_mm = BAND_PX * view.mm_per_px
     if not inside or off_mm > most_mm:
         raise InputError(
-            f"{source}: the view's border is up to {off_mm:.2g} mm off that of [virtual.lens], and "
-            f"only {most_mm:.2g} mm beyond it are drawn; calibrate this rig's own camera"
+            f"{source}: the view's border is up to {off_mm:.2g} mm off that of the true camera, "
+            f"and only {most_mm:.2g} mm beyond it are drawn; {remedy}"
         )
 
 

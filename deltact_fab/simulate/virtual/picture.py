@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import cv2
 import numpy as np
@@ -35,6 +35,8 @@ from deltact_fab.sensor import (
     nearest_surface,
 )
 
+from .population import NOMINAL_SENSOR, SensorDraw
+
 # By hand: node spacing of a face at rest; band drawn around the tracked view for a calibration that
 # is a little off; iterations, of which more cost time on every frame and fewer leave pixels open.
 NODES_MM = 1.0
@@ -47,12 +49,13 @@ MAX_NEWTON_STEP_PX = 8.0
 class RawView:
     """Raw pixels (h, w) of a lens on a flat view of the face, which is BAND_PX larger all round."""
 
-    def __init__(self, lens: Fisheye, view: Rectified) -> None:
+    def __init__(self, lens: Fisheye | Pinhole, view: Pinhole | Rectified) -> None:
         """lens: what is drawn through. view: what is tracked, of which the size counts."""
         self.lens = lens
         self.flat = Rectified(
-            lens, view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX
-        )
+            cast("Fisheye", lens),  # of which the flat view needs `crossing_mm` alone
+            view.mm_per_px, view.width_px + 2 * BAND_PX, view.height_px + 2 * BAND_PX,
+        )  # fmt: skip
         # With a border of one pixel, so that a halved grid is interpolated at the edge too.
         columns, rows = np.arange(-1, lens.width_px + 1), np.arange(-1, lens.height_px + 1)
         raw = np.stack(np.meshgrid(columns, rows), axis=-1).astype(float)
@@ -218,9 +221,10 @@ class FrameRenderer:
         print_: NDArray[np.float32],
         mm_per_texel: float,
         sensor: ImageSensor,
+        draw: SensorDraw = NOMINAL_SENSOR,
     ) -> None:
-        """print_: reflectance of the sticker, (h, w, 3) linear RGB, centred on the face."""
-        self.geometry = geometry
+        """print_: reflectance of the sticker, (h, w, 3) linear RGB, in its middle the face's."""
+        self.geometry, self._draw = geometry, draw
         self._print, self._mm_per_texel = print_, mm_per_texel
         self._glows = sensor.contact_glow_per_mm > 0
         camera, raw = geometry.camera, geometry.raw
@@ -229,29 +233,41 @@ class FrameRenderer:
         else:
             grid, self._border = raw.offset, cv2.BORDER_CONSTANT  # beyond the print it is dark
         self._exposure = Exposure(sensor, grid)
+        self.set_light(1.0)
         if sensor.auto_exposure_grey:
             self._exposure.meter(self._radiance(geometry.material_px(None)))
 
     @classmethod
     def printed(
-        cls, geometry: PictureGeometry, simulator: SimulatorConfig, recipe: PatternRecipe, seed: int
+        cls,
+        geometry: PictureGeometry,
+        simulator: SimulatorConfig,
+        recipe: PatternRecipe,
+        seed: int,
+        draw: SensorDraw = NOMINAL_SENSOR,
     ) -> FrameRenderer:
         """Renderer of a pattern as the rig's printer made it, before the rig's camera.
 
         Where a sticker is smaller than the view the camera sees bare film beside it.
         """
-        printer, camera = simulator.printer, geometry.camera
+        printer, camera = draw.printer(simulator.printer), geometry.camera
         view_mm = max(camera.width_px, camera.height_px) * camera.mm_per_px
+        turn, (dx, dy) = math.radians(draw.sticker_deg), draw.sticker_mm
+        view_mm += abs(turn) * view_mm + 2 * max(abs(dx), abs(dy))
         side_px = math.ceil(max(recipe.printed_mm, view_mm) / printer.mm_per_dot - 1e-9)
         albedo = pattern_albedo(recipe, printer.mm_per_dot, (side_px, side_px))
         rng = np.random.default_rng(np.random.SeedSequence([seed, 3]))
         print_ = print_colours(printer, albedo, rng)
-        return cls(geometry, print_, printer.mm_per_dot, simulator.camera)
+        return cls(geometry, print_, printer.mm_per_dot, simulator.camera, draw)
 
     @staticmethod
     def noise(seed: int, stream: str) -> np.random.Generator:
         """The camera's noise in one press, by its name, apart from all others."""
         return np.random.default_rng(np.random.SeedSequence([seed, 2, zlib.crc32(stream.encode())]))
+
+    def set_light(self, share: float) -> None:
+        """Set the light, as a share of that of this sensor when new."""
+        self._exposure.brightness = share * self._draw.light
 
     def render(
         self, displacement_mm: NDArray[np.float64] | None, rng: np.random.Generator
@@ -287,8 +303,15 @@ class FrameRenderer:
         cx, cy = camera.centre_px
         texels = camera.mm_per_px / self._mm_per_texel
         h, w = self._print.shape[:2]
-        map_x = (fine[..., 0] - np.float32(cx)) * np.float32(texels) + np.float32((w - 1) / 2)
-        map_y = (fine[..., 1] - np.float32(cy)) * np.float32(texels) + np.float32((h - 1) / 2)
+        across = (fine[..., 0] - np.float32(cx)) * np.float32(texels)
+        down = (fine[..., 1] - np.float32(cy)) * np.float32(texels)
+        (dx, dy), turn = self._draw.sticker_mm, math.radians(self._draw.sticker_deg)
+        if dx or dy or turn:
+            across -= np.float32(dx / self._mm_per_texel)
+            down -= np.float32(dy / self._mm_per_texel)
+            c, s = np.float32(math.cos(turn)), np.float32(math.sin(turn))
+            across, down = c * across + s * down, c * down - s * across
+        map_x, map_y = across + np.float32((w - 1) / 2), down + np.float32((h - 1) / 2)
         albedo = cv2.remap(self._print, map_x, map_y, cv2.INTER_LINEAR, borderMode=self._border)
         size = (material_px.shape[1] - 2, material_px.shape[0] - 2)
         radiance = np.asarray(cv2.resize(albedo, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -133,6 +133,8 @@ class GelScene:
         self._current = self._rest
         self._arrived_ns = 0
         self.knots = [self._rest]
+        self.begun = "", 0
+        """Name of the press under way, and the time of its start in ns."""
 
     def mount(self, indenter: str) -> None:
         """Another indenter, in the air."""
@@ -157,6 +159,7 @@ class GelScene:
         )  # fmt: skip
         self._settle(self._rest, 0)
         self.knots = [self._rest]
+        self.begun = name, self.clock.now_ns()
 
     @property
     def axes_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -171,6 +174,10 @@ class GelScene:
         if segment is None:
             return self._observe_rest(now_ns)
         return self._between_knots(self._segment_of(segment), segment, now_ns)
+
+    def depth_mm(self, t_ns: int) -> float:
+        """Depth of the tip below the resting face at a time that has come."""
+        return -self.frame.to_sensor_mm(self.controller.position_mm(t_ns / NS_PER_S))[2]
 
     def wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Forces (N) and torques (N mm) on the sensor (n, 6) at times (n,), ascending.
