@@ -1,7 +1,7 @@
 """How often 95 % intervals over few groups hold the truth: `python -m benchmarks.intervals`.
 
 Synthetic: every group has an offset of its own (sd 0.5) and 20 samples (sd 1). Against
-`studies.study.intervals` stand the bootstraps of whole groups that scipy has. Half a minute.
+`Interval` stand the bootstraps of whole groups that scipy has. Half a minute.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from deltact_fab.studies.study import intervals
+from deltact_fab.estimate.analysis.intervals import Interval
 
 TRIALS = 400
 DRAWS = 500
@@ -45,7 +45,7 @@ def _held(count: int, name: str, truth: float, trial: int) -> tuple[bool, bool, 
             (sums,), figure, n_resamples=DRAWS, method=method, vectorized=True, rng=rng
         ).confidence_interval
         held.append(bool(found.low <= truth <= found.high))
-    ours = getattr(intervals, name)(sample, groups, "group")
+    ours = getattr(Interval, name)(sample, groups, "group")
     return held[0], held[1], bool(ours.low <= truth <= ours.high)
 
 

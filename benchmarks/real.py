@@ -30,6 +30,7 @@ from deltact_fab.common import digest
 from deltact_fab.common.aliases import Array
 from deltact_fab.common.errors import InputError, RunFailed, SensorError
 from deltact_fab.common.files import write_whole
+from deltact_fab.estimate.analysis.intervals import Interval
 from deltact_fab.estimate.measure.dots.tracker import DotTracker
 from deltact_fab.estimate.measure.face import FaceFlow
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
@@ -39,7 +40,6 @@ from deltact_fab.estimate.measure.hodge import Hodge
 from deltact_fab.estimate.measure.regression import least_squares
 from deltact_fab.estimate.measure.sensor_id import SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
-from deltact_fab.studies.study import intervals
 
 from . import peer
 
@@ -268,7 +268,7 @@ def _force(rows: Array, features: Features, force: Array) -> str:
     """
     labels = dict.fromkeys(n for c in ("fx", "fy", "fz") for n in features.explains[c])
     off = left_out(rows[:, [features.names.index(n) for n in labels]], force)
-    found = intervals.rmse(off, np.arange(len(off)) // BLOCK, "block")
+    found = Interval.rmse(off, np.arange(len(off)) // BLOCK, "block")
     r2 = 1 - np.mean(off**2) / force.var()
     return f"{found.value:.2f} [{found.low:.2f}, {found.high:.2f}] ({r2:.2f})"
 

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from .analysis.force.dataset import gather_points, measure_force_points
     from .analysis.force.judge import fit_model
     from .analysis.force.result import ForceResult, write_force_calibration
+    from .analysis.intervals import Interval
     from .analysis.measured import DeepestPress, RunMeasurement, find_calibrations, measure_run
-    from .analysis.relaxation import ForceRest, RelaxationFit, find_rests, fit_relaxation
+    from .analysis.relaxation import ForceRest, StraightPress, RelaxationFit
     from .analysis.runs import read_frames, write_results
     from .analysis.shape.ball import calibrate_depth
     from .analysis.shape.press import PressShape, ShapeMaps, measure_press

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .gel.finite.press import FinitePress
     from .gel.finite.state import FiniteState
     from .gel.fit.fit import fit_press
-    from .gel.fit.measured import read_press_csv
+    from .gel.fit.measured import MeasuredIndentation
     from .gel.level import Choice, GelLevel, IncrementDiagnostics, Reach, follow_path
     from .gel.level_selection import poisson_limit, select_level
     from .gel.linear.contact import LinearContact

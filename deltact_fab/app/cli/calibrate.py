@@ -176,15 +176,15 @@ def force(
                 "--model cannot be used with --transfer, which keeps the model of its file"
             )
         with progress("transfer") as report:
-            fit, carried, left_out = transfer_calibration(runs, transfer, progress=report)
-        lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in left_out)]
+            fit, carried, notes = transfer_calibration(runs, transfer, progress=report)
+        lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in notes)]
         files = write_force_calibration(carried, output)
-        data = {"transfer": fit.as_dict(), "left_out": left_out}
+        data = {"transfer": fit.as_dict(), "left_out": notes}
         asides = SensorLedger.add_event("force", runs, file=output)
         return Answer(data, [*lines, files_line(files)], asides=asides)
     with progress("force") as report:
         result = calibrate_force(runs, models or None, seed, progress=report)
-    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.left_out)]
+    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.notes)]
     files, figure = result.save(folder, output), plot_predicted_force(result)
     files += save_figures(folder, lambda: {figure.name: figure.draw()})
     asides = SensorLedger.add_event("force", runs, file=output)
@@ -193,9 +193,7 @@ def force(
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:
     yield result.line + "\n"
-    for finding in (result.unrelaxed, result.gel):
-        if finding is not None:
-            yield finding.line + "\n"
+    yield from (f"{finding}\n" for finding in result.findings)
     head = (
         "model",
         "component",

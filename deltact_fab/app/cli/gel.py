@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from deltact_fab.common import InputError, validate
 from deltact_fab.sensor import GEL_LEVELS
@@ -133,9 +134,11 @@ def _parse_offset(ctx: click.Context, param: click.Parameter, value: str) -> flo
 
 
 @gel.command(epilog="Example: deltact-fab gel fit measured.csv --indenter sphere:15 --offset fit")
-@click.argument("csv", type=PATH_TYPE)
-@click.option("--indenter", required=True, metavar="NAME",
-              help="Indenter, as in `gel press`: sphere:15.")  # fmt: skip
+@click.argument("source", metavar="CSV|RUN", type=PATH_TYPE)
+@click.option("--press", "press_name", metavar="NAME", show_default="the only one",
+              help="Press of RUN.")  # fmt: skip
+@click.option("--indenter", metavar="NAME", show_default="that of the press of RUN",
+              help="Indenter, as in `gel press`: sphere:15; needed with CSV.")  # fmt: skip
 @AT_OPTION
 @block_options
 @click.option("--friction", default=0.5, metavar="MU", help="Coefficient of friction.")
@@ -145,25 +148,44 @@ def _parse_offset(ctx: click.Context, param: click.Parameter, value: str) -> flo
               help="Size of the mesh below the indenter.")  # fmt: skip
 @answers
 def fit(
-    csv: Path, indenter: str, at_mm: tuple[float, float], thickness_mm: float, width_mm: float,
-    length_mm: float, poisson: float, friction: float, offset_mm: float | None,
-    spacing_mm: float | None,
+    source: Path, press_name: str | None, indenter: str | None, offset_mm: float | None,
+    spacing_mm: float | None, **options: Any,
 ) -> Answer:  # fmt: skip
     """Fit the modulus of a gel to a measured press, with a 95 % interval.
 
     The last lines are keys of a protocol.
 
     CSV is a table with the columns depth_mm and normal_n (positive when pressed), rows in the order
-    of measurement. Friction is the ratio of side force to normal force in a light drag, once it is
-    constant.
+    of measurement. Of a press of RUN, up to its first drag, indenter, place, gel and friction stand
+    in the run; options given here replace them. Friction is the ratio of side force to normal force
+    in a light drag, once it is constant.
     """
-    from deltact_fab.physics import fit_press, read_press_csv
+    from deltact_fab.estimate import StraightPress
+    from deltact_fab.physics import MeasuredIndentation, fit_press
     from deltact_fab.sensor import GelMaterial, parse_indenter
 
-    skin = build_block(width_mm, length_mm, thickness_mm)
+    notes: list[str] = []
+    shape = None if indenter is None else parse_indenter(indenter)
+    if source.is_dir():
+        curve = StraightPress.from_run(source, press_name)
+        of_default = click.get_current_context().get_parameter_source
+        options |= {
+            name: value for name, value in curve.options.items()
+            if of_default(name) is ParameterSource.DEFAULT
+        }  # fmt: skip
+        shape, notes = shape or curve.indenter, curve.notes
+        data = MeasuredIndentation.from_rows(
+            curve.name, curve.depth_mm, curve.normal_n, curve.dragged
+        )
+    elif press_name is not None:
+        raise InputError(f"{source}: --press: only for a run folder")
+    else:
+        data = MeasuredIndentation.from_csv(source)
+    if shape is None:
+        raise InputError(f"{source}: --indenter: needed with a table of depths and forces")
+    at_mm, poisson, friction = (options.pop(name) for name in ("at_mm", "poisson", "friction"))
+    skin = build_block(**options)
     validate(GelMaterial, {"poisson": poisson, "friction": friction}, "options")
-    shape = parse_indenter(indenter)
-    data = read_press_csv(csv)
     if offset_mm is not None:
         data = replace(data, depth_mm=data.depth_mm - offset_mm)
     with progress("gel fit") as report:
@@ -172,6 +194,10 @@ def fit(
             fit_offset=offset_mm is None, spacing_mm=spacing_mm, progress=report,
         )  # fmt: skip
     result = estimate.as_dict()
+    result["notes"] += notes
+    if source.is_dir():
+        result |= {"press": curve.name, "indenter": shape.name, "at_mm": list(at_mm), **options,
+                   "poisson": poisson}  # fmt: skip
     lines = [*table(("key", "value"), pairs({**result, "notes": None})), "\n[specimen]"]
     lines.append(f"modulus_mpa = {estimate.modulus_mpa.value:.4g}")
     return Answer(result, lines, asides=result["notes"])

@@ -20,17 +20,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import Run
+from deltact_fab.bench import Run, open_run
 from deltact_fab.common import Field, InputError, SolverError
+from deltact_fab.sensor import Indenter
 
 from .runs import PRESS_KINDS, settle_s
 
 BIN_S = 0.02  # by hand: shorter bins are noisier, longer ones blur the fastest branch
 _POSITION_COLUMNS = ("x_mm", "y_mm", "z_mm")
+SKIN_SIZES = ("thickness_mm", "width_mm", "length_mm")
 ARRIVED_MM = 0.01  # from its end, a stage has arrived; by hand: above a step, far below a press
 MIN_REST_BINS = 25  # of a usable rest; by hand: shorter ones determine no branch
 
@@ -65,33 +69,33 @@ class ForceRest:
         """Force (n, 3) on the sensor."""
         return self.history.force_n[self.bins]
 
+    @classmethod
+    def find_all(cls, run: Run) -> list[ForceRest]:
+        """Find the rests of all presses and drags that settled, in order.
 
-def find_rests(run: Run) -> list[ForceRest]:
-    """Find the rests of all presses and drags that settled, in order.
-
-    Raises InputError for a run without a force stream or without a stop that rests long enough.
-    """
-    longest_s = max(settle_s(run, kind) for kind in PRESS_KINDS)
-    if not longest_s:
-        raise InputError(f"{run.folder}: no settle_s in its protocol, so no rests")
-    steps = run.steps()
-    rests: list[ForceRest] = []
-    pressing = steps[steps["kind"].isin(PRESS_KINDS)]
-    for press, press_steps in pressing.groupby("press", sort=False):
-        samples = run.force(str(press))
-        if not len(samples):
-            raise InputError(f"{run.folder}: press {press}: no force recorded")
-        history = _bin_forces(str(press), samples)
-        pose = run.pose(str(press))
-        settled = set(run.frames(str(press)).query("settled")["step_id"])
-        for step in press_steps[press_steps["step_id"].isin(settled)].itertuples():
-            rest = _find_rest(history, step, samples, pose, settle_s(run, str(step.kind)))
-            if rest is not None:
-                rests.append(rest)
-    if not rests:
-        needed = f"no stop of {MIN_REST_BINS * BIN_S:g} s or more"
-        raise InputError(f"{run.folder}: settle_s = {longest_s:g}: {needed}")
-    return rests
+        Raises InputError for a run without a force stream or a stop that rests long enough.
+        """
+        longest_s = max(settle_s(run, kind) for kind in PRESS_KINDS)
+        if not longest_s:
+            raise InputError(f"{run.folder}: no settle_s in its protocol, so no rests")
+        steps = run.steps()
+        rests: list[ForceRest] = []
+        pressing = steps[steps["kind"].isin(PRESS_KINDS)]
+        for press, press_steps in pressing.groupby("press", sort=False):
+            samples = run.force(str(press))
+            if not len(samples):
+                raise InputError(f"{run.folder}: press {press}: no force recorded")
+            history = _bin_forces(str(press), samples)
+            pose = run.pose(str(press))
+            settled = set(run.frames(str(press)).query("settled")["step_id"])
+            for step in press_steps[press_steps["step_id"].isin(settled)].itertuples():
+                rest = _find_rest(history, step, samples, pose, settle_s(run, str(step.kind)))
+                if rest is not None:
+                    rests.append(rest)
+        if not rests:
+            needed = f"no stop of {MIN_REST_BINS * BIN_S:g} s or more"
+            raise InputError(f"{run.folder}: settle_s = {longest_s:g}: {needed}")
+        return rests
 
 
 def _bin_forces(press: str, samples: pd.DataFrame) -> ForceHistory:
@@ -179,21 +183,21 @@ class RelaxationFit:
         """Force (m, 3) of a rest above its steady value, at wait_s (m,) into it."""
         return _excess_force(rest, _branch_forces(rest.history, self.series), self.series, wait_s)
 
+    @classmethod
+    def from_rests(cls, rests: Sequence[ForceRest]) -> RelaxationFit:
+        """Fit the series of rests, with the fewest branches that improve the fit.
 
-def fit_relaxation(rests: Sequence[ForceRest]) -> RelaxationFit:
-    """Fit the series of rests, with the fewest branches, up to MAX_BRANCHES, that improve the fit.
-
-    Raises SolverError where the search does not converge.
-    """
-    best = _fit(rests, [(START_TIME_S,)])
-    if best is None:
-        raise SolverError("relaxation: the fit of the series did not converge")
-    while len(best.series.shares) < MAX_BRANCHES:
-        larger = _fit(rests, _split_starts(best.series.times_s, rests))
-        if larger is None or larger.blocks_n > BRANCH_GAIN * best.blocks_n:
-            break
-        best = larger
-    return best
+        Up to MAX_BRANCHES. Raises SolverError where the search does not converge.
+        """
+        best = _fit(rests, [(START_TIME_S,)])
+        if best is None:
+            raise SolverError("relaxation: the fit of the series did not converge")
+        while len(best.series.shares) < MAX_BRANCHES:
+            larger = _fit(rests, _split_starts(best.series.times_s, rests))
+            if larger is None or larger.blocks_n > BRANCH_GAIN * best.blocks_n:
+                break
+            best = larger
+        return best
 
 
 def _split_starts(times_s: Sequence[float], rests: Sequence[ForceRest]) -> list[tuple[float, ...]]:
@@ -280,16 +284,90 @@ def _branch_forces(history: ForceHistory, series: Series) -> Field:
     """Branch terms q (n, k, 3) of the relaxed gel's force, obtained by inverting the series."""
     from scipy.signal import lfilter
 
-    x = BIN_S / np.array(series.times_s)
-    keep, gain = np.exp(-x), -np.expm1(-x) / x
+    keep, gain = _decays(series)
+    steady = _relaxed_force(history, series)
+    return np.stack(
+        [lfilter([a, -a], [1.0, -e], steady, axis=0) for a, e in zip(gain, keep, strict=True)],
+        axis=1,
+    )
+
+
+def _relaxed_force(history: ForceHistory, series: Series) -> Field:
+    """Force (n, 3) of the relaxed gel on the path of a history."""
+    from scipy.signal import lfilter
+
+    keep, gain = _decays(series)
     # As polynomials in the delay: F = S (1 + sum g gain (1 - z) / (1 - keep z)).
     denominator = np.poly(keep)
     numerator = denominator + sum(
         g * a * np.polymul([1.0, -1.0], np.poly(np.delete(keep, k)))
         for k, (g, a) in enumerate(zip(series.shares, gain, strict=True))
     )
-    steady = lfilter(denominator, numerator, history.force_n, axis=0)
-    return np.stack(
-        [lfilter([a, -a], [1.0, -e], steady, axis=0) for a, e in zip(gain, keep, strict=True)],
-        axis=1,
-    )
+    return np.asarray(lfilter(denominator, numerator, history.force_n, axis=0))
+
+
+def _decays(series: Series) -> tuple[Field, Field]:
+    """Decay of each branch over a bin, and its mean over a bin."""
+    x = BIN_S / np.array(series.times_s)
+    return np.exp(-x), -np.expm1(-x) / x
+
+
+@dataclass(frozen=True, eq=False)
+class StraightPress:
+    """Depth and normal force of one press of a run up to its first drag, and its gel.
+
+    depth_mm, normal_n (n,): one row per report of the stage; the force is that of the relaxed gel
+    where the specimen states a series. dragged: reports from the first drag on. options: place,
+    gel and friction by the names of the options of `gel fit`.
+    """
+
+    name: str
+    indenter: Indenter
+    depth_mm: Field
+    normal_n: Field
+    dragged: int
+    options: dict[str, Any]
+    notes: list[str]
+
+    @classmethod
+    def from_run(cls, folder: Path, press: str | None = None) -> StraightPress:
+        """Read a press; None: the only one. Raises InputError with the names of all presses."""
+        run = open_run(folder)
+        steps, specimen = run.steps(), run.meta["protocol"]["specimen"]
+        names = list(dict.fromkeys(steps.loc[steps["kind"] == "press", "press"]))
+        if not names or run.weights is not None or run.meta.get("air"):
+            raise InputError(f"{folder}: no press of a stage on the face in this run")
+        if press not in (names if press or len(names) > 1 else [None]):
+            raise InputError(
+                f"{folder}: --press: must be one of {', '.join(names)} (got {press or 'none'})"
+            )
+        press = press or names[0]
+        samples, pose, steps = run.force(press), run.pose(press), steps[steps["press"] == press]
+        if samples.empty:
+            raise InputError(f"{folder}: press {press}: no force recorded")
+        pressing = steps[steps["kind"].isin(PRESS_KINDS)]
+        straight = pressing[(pressing["kind"] == "shear").cumsum() == 0]
+        history, series = _bin_forces(press, samples), specimen.get("prony") or []
+        force_n = history.force_n
+        if series:
+            shares, times_s = zip(*series, strict=True)
+            force_n = _relaxed_force(history, Series(tuple(shares), tuple(times_s)))
+        rows = pose[pose["step_id"].isin(straight["step_id"])]
+        notes = [f"the run's specimen: modulus_mpa = {specimen['modulus_mpa']:g}"]
+        if not series:
+            notes.append("no prony in the run's specimen: relaxation counts as modulus")
+        if run.simulated and specimen["gel_model"] != "hyperelastic":
+            notes.append(f"simulated with gel_model = {specimen['gel_model']!r}")
+        return cls(
+            f"{folder}: press {press}",
+            run.indenter(str(steps["indenter"].iloc[0])),
+            -rows["z_mm"].to_numpy(float),
+            np.asarray(np.interp(rows["t_press_s"], history.t_s, -force_n[:, 2])),
+            int(pose["step_id"].isin(set(pressing["step_id"]) - set(straight["step_id"])).sum()),
+            {
+                "at_mm": tuple(steps[["x_mm", "y_mm"]].iloc[0].tolist()),
+                **{k: run.meta["sensor"]["skin"][k] for k in SKIN_SIZES},
+                **{k: specimen[k] for k in ("poisson", "friction")},
+            },
+            notes,
+        )

@@ -41,6 +41,12 @@ def read_frames(run: Run, analysis: str) -> pd.DataFrame:
     return frames
 
 
+def fitted_rows(run: Run, frames: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a table of frames that belong to presses of role "fit"."""
+    roles = run.press_roles()
+    return frames[[roles.get(press, "fit") == "fit" for press in frames["press"]]]
+
+
 def has_rests(frames: pd.DataFrame) -> bool:
     """True if a run's table of frames has settled ones that press the face."""
     return bool((frames["settled"] & frames["kind"].isin(PRESS_KINDS)).any())

@@ -224,7 +224,7 @@ def render_study(result: StudyResult, result_data: dict[str, Any]) -> str:
         ],
         what_counts=html_table(head_rows, marks=marks),
         tables=[table_context(table) for table in result.tables if table.name != HEADLINES_TABLE],
-        left_out=html_table(pd.DataFrame(left_out, columns=["not built", "reason"])),
+        left_out=html_table(pd.DataFrame(left_out, columns=["not built or used", "reason"])),
         settings=html_table(pd.DataFrame(settings.items(), columns=["setting", "value"])),
         most_missing=MAX_MISSING,
     )

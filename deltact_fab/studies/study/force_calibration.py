@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import Protocol, RunEstimate, expand_protocol, load_protocol, open_run
-from deltact_fab.common import Array, InputError, Note
+from deltact_fab.common import InputError, Note
 from deltact_fab.estimate import ForceResult, calibrate_force, fit_best_model, gather_points
 from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predicted_force
 
-from .intervals import Interval, headline, rmse
+from .intervals import headline
 from .press_jobs import ForcePointsJob, force_points_job
 from .registry import StudyRequest, modulus_remark, parse_scale
 from .scene import PressScene, collect_left_out
@@ -115,7 +115,7 @@ def _recorded(request: StudyRequest) -> StudyResult:
 
 def _not_taken(result: ForceResult) -> tuple[Note, ...]:
     """Notes on excluded points, and models with too few points."""
-    return tuple(Note("points or models", line) for line in result.left_out)
+    return tuple(Note("points or models", line) for line in result.notes)
 
 
 def load_scene(request: StudyRequest) -> PressScene:
@@ -191,17 +191,14 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
     """Build the result of the points. scene: further fields (settings, notes, left_out ...)."""
     places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
-    gel_lines = [gel.line for gel in (result.gel, result.unrelaxed) if gel]
-    notes = [LAB_NOTE, *gel_lines] if simulated else gel_lines
-    few = result.presses_needed
-    advice = f"; more than {few} presses improve it little" if few else ""
+    notes = [*([LAB_NOTE] if simulated else []), *result.findings]
     return StudyResult(
         study="force-calibration",
         title="Force calibration",
         simulated=simulated,
         seed=result.seed,
         scale=scale,
-        answer=(f"Use the model {result.best.name}{advice}.",),
+        answer=(f"Use the model {result.best.name}; {result.curve.clause}.",),
         headlines=(*_best_heads(result), *_paper_heads(result, _alone_remark(places))),
         tables=(
             ReportTable(
@@ -225,24 +222,11 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
         extra={
             "best": result.best.name,
             "n_points": len(result.data),
-            "learning_n": result.curves,
+            "learning_n": {name: curve.errors_n for name, curve in result.curves.items()},
             "runs": list(result.calibration.head.made.runs),
         },
         **{**scene, "notes": (*notes, *scene.get("notes", ()))},
     )  # fmt: skip
-
-
-def _widest_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval:
-    """RMSE with the wider interval, over positions or indenters; presses for a random split.
-
-    errors: (repeats, n), N, of points left out by this split.
-    """
-    if split == "unseen":
-        groups = {g: points[g] for g in ("position", "indenter") if points[g].nunique() > 1}
-    else:
-        groups = {"distinct press": points["indenter"] + " " + points["position"]}
-    intervals = [rmse(errors.ravel(), np.tile(g, len(errors)), n) for n, g in groups.items()]
-    return max(intervals, key=lambda i: np.inf if i.low is None else (i.high or 0) - i.low)
 
 
 def _best_heads(result: ForceResult) -> list[Headline]:
@@ -254,8 +238,8 @@ def _best_heads(result: ForceResult) -> list[Headline]:
     heads = []
     for name, words in COMPONENT_WORDS.items():
         span = float(np.ptp(result.wrench_component(name)))
-        errors = best.component(name, split) - result.wrench_component(name)
-        if not span or np.isnan(errors).any():
+        interval = result.error_interval(best, name, split)
+        if not span or interval is None:
             continue
         remark = f"of {span:.2f} N; {chosen}"
         if name == "normal" and result.calibration.head.made.simulated:
@@ -263,7 +247,7 @@ def _best_heads(result: ForceResult) -> list[Headline]:
         heads.append(
             headline(
                 f"{words}, {result.SPLITS[split]}: RMSE", "N",
-                _widest_interval(errors, result.data.points, split),
+                interval,
                 goal=NORMAL_GOAL_N if name == "normal" else SHEAR_GOAL_SHARE * span,
                 remark=remark, told=name == "normal",
             )
@@ -276,11 +260,11 @@ def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
     return [
         headline(
             f"the paper's model, {COMPONENT_WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
-            _widest_interval(result.paper.component(name, "point") - result.wrench_component(name),
-                      result.data.points, "point"), paper=printed_n,
-            remark=alone if name == "normal" else "", told=name == "normal",
+            interval, paper=printed_n, remark=alone if name == "normal" else "",
+            told=name == "normal",
         )
         for name, (_, printed_n) in result.PAPER_TABLE.items()
+        if (interval := result.error_interval(result.paper, name, "point")) is not None
     ]  # fmt: skip
 
 

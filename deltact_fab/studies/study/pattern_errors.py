@@ -14,11 +14,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.estimate import ErrorTally, FlowTracker
+from deltact_fab.estimate import ErrorTally, FlowTracker, Interval
 from deltact_fab.fabricate import SeriesEntry
-
-from . import intervals
-from .intervals import Interval
 
 Measure = Literal["at_dots", "at_moving_dots", "off_dots"]
 SUMMED_FLOW, COMPOSED_FLOW, OUR_FLOW = "farneback/summed", "farneback/composed", "fused"
@@ -88,7 +85,7 @@ class PatternErrors:
         errors = self.by_indenter(pattern, method, measure)
         if errors is None:
             return None
-        return intervals.mean(errors, self.indenters, "indenter", "positive")
+        return Interval.mean(errors, self.indenters, "indenter", "positive")
 
     def best(
         self, method: str, measure: Measure, among: Iterable[SeriesEntry]
@@ -113,7 +110,7 @@ class PatternErrors:
                 return None
             sides.append(np.mean(measured, axis=0))
         top, bottom = sides
-        return intervals.ratio(top, bottom, self.indenters, "indenter", level)
+        return Interval.ratio(top, bottom, self.indenters, "indenter", level)
 
     def along_path(self, pattern: str, method: str) -> list[dict[str, Any]]:
         """Means over frames by depth and drag length, mm, in order."""

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from deltact_fab.estimate import Interval
 from deltact_fab.fabricate import PatternSeries, SeriesEntry
 from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
-from .intervals import Interval, headline
+from .intervals import headline
 from .pattern_errors import COMPOSED_FLOW, FLOW_NAMES, OUR_FLOW, SUMMED_FLOW, Measure, PatternErrors
 
 if TYPE_CHECKING:

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from deltact_fab.bench import Protocol, VirtualConfig
 from deltact_fab.common import Field, Image, RunFailed, SensorError
-from deltact_fab.estimate import Follower, PatternDots, TrackingPlan, TrueFrame
+from deltact_fab.estimate import Follower, Interval, PatternDots, TrackingPlan, TrueFrame
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe
 from deltact_fab.present import Headline, ReportFigure
 from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLattice, axes_mm
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
-from .intervals import headline, mean, ratio
+from .intervals import headline
 from .pattern_errors import OUR_FLOW, PatternErrors
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ def confirmation_table(errors: PatternErrors, names: Sequence[str]) -> pd.DataFr
     for name in names:
         by_seed = errors.by_indenter(name, OUR_FLOW, "off_dots")
         if by_seed is not None:
-            value, low, high, _ = mean(by_seed, errors.indenters, "seed", "positive")
+            value, low, high, _ = Interval.mean(by_seed, errors.indenters, "seed", "positive")
             rows.append((name, value, low, high, errors.figures(name, OUR_FLOW)["coverage"]))
     frame = pd.DataFrame(rows, columns=["pattern", *CONFIRMED_COLUMNS])
     return frame.sort_values("mean_error_mm", ignore_index=True)
@@ -180,12 +180,12 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
     assert to_print_mm is not None
     heads = [
         headline("mean error of the pattern to print", "µm",
-                 mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
+                 Interval.mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
                  remark="moving pixels, default tracker, no dots, finite-strain gel"),
     ]  # fmt: skip
     if (paper := by_seed(PAPER_PATTERN)) is not None:
         tracked = [e for name in best if (e := by_seed(name)) is not None]
-        share = ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
+        share = Interval.ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
         heads.append(
             headline("its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
                      told=True, remark="per seed the finalist that is best on the other seeds")

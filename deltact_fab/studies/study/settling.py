@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from deltact_fab.bench import open_run
 from deltact_fab.common import Field, InputError, Note
-from deltact_fab.estimate import ForceRest, RelaxationFit, find_rests, fit_relaxation
+from deltact_fab.estimate import ForceRest, RelaxationFit
 from deltact_fab.present import (
     Headline,
     ReportFigure,
@@ -125,8 +125,8 @@ def run(request: StudyRequest) -> StudyResult:
             "rig and name the run"
         )
     runs = [open_run(folder) for folder in request.runs]
-    rests = [rest for recording in runs for rest in find_rests(recording)]
-    fitted = fit_relaxation(rests)
+    rests = [rest for recording in runs for rest in ForceRest.find_all(recording)]
+    fitted = RelaxationFit.from_rests(rests)
     ends = zip(rests, fitted.steady_n, strict=True)
     stops = [ForceDecay.from_rest(rest, steady_n, fitted) for rest, steady_n in ends]
     protocol = runs[0].meta["protocol"]

@@ -15,7 +15,14 @@ from typing import Any
 import pandas as pd
 
 from deltact_fab.bench import Protocol, RunEstimate, load_protocol
-from deltact_fab.estimate import PressShape, ShapeMaps, ShapeResult, fit_model, gather_points
+from deltact_fab.estimate import (
+    Interval,
+    PressShape,
+    ShapeMaps,
+    ShapeResult,
+    fit_model,
+    gather_points,
+)
 from deltact_fab.present import (
     Headline,
     ReportFigure,
@@ -27,7 +34,7 @@ from deltact_fab.present import (
 )
 
 from . import press_jobs as jobs
-from .intervals import Scale, headline, mean, rmse
+from .intervals import headline
 from .registry import StudyRequest, modulus_remark, parse_scale
 from .scene import PressScene, collect_left_out
 
@@ -261,7 +268,7 @@ def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headlin
         heads.append(
             headline(
                 f"normal force {'beyond' if outer else 'within'} the calibrations, RMSE", "N",
-                rmse(error, *_groups(part)), goal=None if outer else SHAPES_GOAL_N,
+                Interval.rmse(error, *_groups(part)), goal=None if outer else SHAPES_GOAL_N,
                 remark=f"{'' if outer else remark}forces of {true.min():.1f} to {true.max():.1f} "
                 f"N; mean error {100 * (error / true).mean():+.0f} %", told=not outer,
             )
@@ -270,9 +277,9 @@ def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headlin
 
 
 def _mean_head(
-    label: str, unit: str, rows: pd.DataFrame, column: str, scale: Scale = "positive", **fields: Any
+    label: str, unit: str, rows: pd.DataFrame, column: str, scale: Any = "positive", **fields: Any
 ) -> Headline:
-    return headline(label, unit, mean(rows[column], *_groups(rows), scale), **fields)
+    return headline(label, unit, Interval.mean(rows[column], *_groups(rows), scale), **fields)
 
 
 def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:

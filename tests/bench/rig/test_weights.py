@@ -229,7 +229,7 @@ def test_weights_calibrate_normal_force_not_shear(weigh: Weigh, tmp_path: Path) 
         weigh(by_hand, VirtualHand(devices), view, Lens(devices.camera), camera=SEEN)
     found = calibrate([tmp_path / "r"], ["sums"])
     assert "shear not calibrated (no shear in the data)" in found.line
-    assert any("weights placed by hand: force known to" in w for w in found.left_out)
+    assert any("weights placed by hand: force known to" in w for w in found.notes)
     features = found.data.features[found.best.name]
     for x, measured in zip(features, found.data.wrench, strict=True):
         wrench = found.calibration.model.wrench(x, 1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,29 +11,31 @@ import pandas as pd
 import pytest
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.force.calibrate import transfer
+from deltact_fab.estimate.analysis.force.calibrate import fit_best_model, transfer
 from deltact_fab.estimate.analysis.force.dataset import ForceData
+from deltact_fab.estimate.analysis.force.gel import UnrelaxedForces
 from deltact_fab.estimate.analysis.force.judge import (
     CV_FOLDS,
     CV_REPEATS,
+    LearningCurve,
     evaluate_features,
     fit_force,
     folds,
     force_figures,
     learning_curve,
-    presses_needed,
     ranking_error_n,
 )
+from deltact_fab.estimate.analysis.force.result import ForceResult
+from deltact_fab.estimate.analysis.intervals import Interval
 from deltact_fab.estimate.measure.force import make_features
+from deltact_fab.estimate.measure.force.calibration import ForceCalibration
 from deltact_fab.estimate.measure.force.model import WRENCH_AXES
-from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.estimate.measure.sensor_id import CalibrationHead, CalibrationSource, SensorModel
 from deltact_fab.sensor.optics.camera import Pinhole
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 
-SETS = {
-    name: make_features(name, SensorModel(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions()))
-    for name in ("sums", "paper")
-}
+VIEW = SensorModel(Pinhole(0.0378, 798, 586, 12.85), SkinDimensions())
+SETS = {name: make_features(name, VIEW) for name in ("sums", "paper")}
 LAW = (2.0, 1.5, -6.0, 3.0, -3.0, 1.0)
 BALLS, PLACES, POINTS = ("sphere:10", "sphere:15"), 4, 12
 
@@ -114,23 +118,107 @@ def test_splits_with_one_position_or_press() -> None:
     assert list(judged.predicted) == [judged.ranked_by] == ["point"]
     assert force_figures(judged, one)["normal"]["percent_of_range"] > 0
     assert np.isfinite(ranking_error_n(judged, one))
-    assert learning_curve(one, "sums", seed=0) == {}
+    assert learning_curve(one, "sums", seed=0).errors_n == {}
 
 
-def test_learning_curve_falls_to_the_noise() -> None:
-    data = made()
-    presses = data.points["press"].to_numpy()
-    rng = np.random.default_rng(1)
-    for press in dict.fromkeys(presses):  # each press answers in its own way
-        data.wrench[presses == press] *= rng.normal(1, 0.1)
+def steep(last: float, low: float, high: float | None) -> LearningCurve:
+    """A curve that falls at its end."""
+    return LearningCurve({1: 3.0, 2: 2.0, 3: last}, Interval(last / 2, low, high, "8 presses"))
+
+
+@pytest.mark.parametrize(
+    ("curve", "said"),
+    [
+        (LearningCurve({}), "unknown if"),
+        (LearningCurve({1: 0.3}), "unknown if"),  # two presses
+        (LearningCurve({1: 0.3, 2: 0.3}), "unknown if"),  # one larger number may be chance
+        (
+            LearningCurve({1: 0.5, 2: 0.3, 3: 0.28, 5: 0.31}),
+            "more than 2 presses improve it little",
+        ),
+        (LearningCurve({1: 0.5, 2: 0.3, 3: 0.28, 5: 0.26}), "unknown if"),  # better by 1.15
+        (steep(1.0, 0.4, 0.6), "would improve it (error of 3 over that of 2: 0.50 [0.40 to 0.60])"),
+        (steep(1.6, 0.6, 1.1), "unknown if"),
+        (steep(1.6, 0.6, None), "unknown if"),
+    ],
+)
+def test_gain_of_presses_needs_evidence(curve: LearningCurve, said: str) -> None:
+    assert said in curve.clause
+
+
+@pytest.mark.parametrize(("spread", "said"), [(0.1, "more presses would"), (0.0, "improve it lit")])
+def test_learning_curve_of_differing_presses(spread: float, said: str) -> None:
+    data, rng = made(noise_n=0.05), np.random.default_rng(0)
+    for press in data.points["press"].unique():  # each press answers in its own way
+        data.wrench[data.points["press"] == press] *= rng.normal(1, spread)
     curve = learning_curve(data, "sums", seed=0)
-    assert list(curve) == [1, 2, 3, 5, 6]
-    errors = list(curve.values())
-    assert errors[0] > 1.1 * errors[-1]
+    assert list(curve.errors_n) == [1, 2, 3, 5, 6]
+    assert said in curve.clause
     assert curve == learning_curve(data, "sums", seed=0)
-    few = presses_needed(curve)
-    assert few is not None
-    assert 1 < few <= 6
+
+
+def judged(data: ForceData) -> ForceResult:
+    head = CalibrationHead("force", VIEW.id, CalibrationSource(("r",), True, "0", 0))
+    return fit_best_model(
+        data, 0, lambda model, _: ForceCalibration(head, model, VIEW.skin, VIEW.poisson)
+    )
+
+
+@pytest.mark.parametrize(
+    ("presses", "said", "unsaid"),
+    [
+        ([f"{b}/{k}" for b in BALLS for k in range(4)],
+         ["unseen position and indenter (2 indenters: no interval"], ["says nothing", "at least"]),
+        ([f"{BALLS[0]}/{k}" for k in range(4)],
+         ["0.05 N [0.04 to 0.06] (0.9 % of 5.9 N)", "unseen position (4 positions)", "other tips"],
+         ["places", "at least"]),
+        ([f"{b}/0" for b in BALLS],
+         ["unseen indenter", "of other places; at least 4 places"], ["tips", "presses or"]),
+        (["sphere:10/0"],
+         ["other presses or places or tips; at least 4", "unknown if more"], ["unseen pos"]),
+    ],
+)  # fmt: skip
+def test_verdict_names_untested_units(
+    presses: list[str], said: list[str], unsaid: list[str]
+) -> None:
+    data = made(noise_n=0.05)
+    line = judged(_part(data, data.points["press"].isin(presses).to_numpy())).line
+    assert [part for part in said if part not in line] == [], line
+    assert [part for part in unsaid if part in line] == [], line
+    assert re.search(r"\(\d+\.\d % of \d+\.\d N and \d+\.\d % of \d+\.\d N\)", line)
+
+
+def test_validation_presses_only_judge() -> None:
+    """With validation and reference presses as wrong as can be, and without them."""
+    data = made(noise_n=0.05)
+    unlike = {f"{BALLS[1]}/{k}": role for k, role in enumerate(["validate"] * 3 + ["reference"])}
+    roles = data.points["press"].map(unlike).fillna("fit")
+    fitted = (roles == "fit").to_numpy()
+    marked = replace(
+        data,
+        points=data.points.assign(role=roles),
+        wrench=data.wrench * np.where(fitted, 1, 9)[:, None],
+    )
+    alone, told = judged(_part(data, fitted)), judged(marked)
+    assert told.calibration.toml("") == alone.calibration.toml("")
+    assert told.line == alone.line
+    assert told.curves == alone.curves
+    assert alone.validation == {}
+    assert told.validation["normal"].value > 10 * alone.figures()["sums"]["normal"]["range_n"] / 9
+    assert "validation: normal force to" in told.findings[0]
+    assert "3 distinct presses: no interval" in told.findings[0]
+    assert json.loads(json.dumps(told.as_dict(), allow_nan=False))["validation"]["normal"]["value"]
+
+
+def test_late_validation_leaves_fitted_labels() -> None:
+    """Labels are corrected to the longest wait of the presses that are fitted."""
+    data = made()
+    late = data.points["press"] == "sphere:10/1"
+    points = data.points.assign(wait_s=np.where(late, 90.0, 1.0), role="fit")
+    points.loc[late, "role"] = "validate"
+    relaxed = UnrelaxedForces(0.2, 3.0).relaxed_wrenches(replace(data, points=points)).wrench
+    assert relaxed[~late] == pytest.approx(data.wrench[~late])
+    assert (np.abs(relaxed[late]) > np.abs(data.wrench[late])).all()
 
 
 def test_softer_gel_transfers_by_two_factors() -> None:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.relaxation import (
     BIN_S,
     ForceHistory,
     ForceRest,
+    RelaxationFit,
     Series,
-    fit_relaxation,
+    StraightPress,
 )
 from deltact_fab.studies.study.settling import settling_time_s
 
@@ -79,9 +85,32 @@ def stops(series: Series, noise_n: float, rest_s: float, seed: int = 0) -> list[
     return found
 
 
+def test_straight_press_of_a_run(mini_run: Path, tmp_path: Path) -> None:
+    found = StraightPress.from_run(mini_run, "sphere-10/p1")
+    assert (found.indenter.name, found.options["at_mm"]) == ("sphere:10", (0.5, -0.5))
+    assert found.options["thickness_mm"] == 12
+    assert found.depth_mm.max() == pytest.approx(1.0, abs=0.01)
+    assert found.dragged > 0
+    assert found.normal_n.max() == pytest.approx(2.7, abs=0.2)
+    assert [note.partition(":")[0] for note in found.notes][1] == "no prony in the run's specimen"
+    run = shutil.copytree(mini_run, tmp_path / "run")
+    meta = json.loads((run / "run.json").read_text())
+    meta["protocol"]["specimen"]["prony"] = [[0.1, 1000.0]]  # slower than the press: all of it
+    (run / "run.json").write_text(json.dumps(meta))
+    slow = StraightPress.from_run(run, "sphere-10/p1")
+    assert slow.normal_n[-1] == pytest.approx(found.normal_n[-1] / 1.1, rel=0.01)
+    assert len(slow.notes) == len(found.notes) - 1
+
+
+@pytest.mark.parametrize("press", [None, "sphere-10/p2"])
+def test_straight_press_must_be_named(mini_run: Path, press: str | None) -> None:
+    with pytest.raises(InputError, match=r"--press: must be one of sphere-10/p1, 4dots/p1 \(got"):
+        StraightPress.from_run(mini_run, press)
+
+
 @pytest.mark.slow
 def test_series_is_recovered_from_successive_rests():
-    fitted = fit_relaxation(stops(GEL, noise_n=0.002, rest_s=30.0))
+    fitted = RelaxationFit.from_rests(stops(GEL, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 2
     assert fitted.series.shares == pytest.approx(GEL.shares, rel=0.1)
     assert fitted.series.times_s == pytest.approx(GEL.times_s, rel=0.1)
@@ -94,7 +123,7 @@ def test_series_is_recovered_from_successive_rests():
 
 def test_one_time_constant_needs_one_branch():
     one = Series((0.1,), (2.0,))
-    fitted = fit_relaxation(stops(one, noise_n=0.002, rest_s=30.0))
+    fitted = RelaxationFit.from_rests(stops(one, noise_n=0.002, rest_s=30.0))
     assert len(fitted.series.shares) == 1
     assert fitted.series.times_s[0] == pytest.approx(2.0, rel=0.03)
     assert fitted.series.shares[0] == pytest.approx(0.1, rel=0.03)

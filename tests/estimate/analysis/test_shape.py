@@ -7,6 +7,7 @@ import json
 import shutil
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -116,6 +117,22 @@ def test_without_truth_only_errors_are_missing(
         assert (tmp_path / f"{name}.svg").stat().st_size > 10_000
 
 
+def test_depth_takes_undragged_fitted_stops(mini_run: Path, tmp_path: Path) -> None:
+    """One depth with three stops of a drag; then with its ball kept for validation."""
+    found = calibrate_depth(mini_run)
+    assert found.depths_mm == pytest.approx([1.0], abs=0.01)
+    assert (found.dragged, found.as_dict()["dragged"]) == (3, 3)
+    assert "3 stops not used: dragged along the face" in found.line
+    assert "one depth says nothing of others; stops at least 0.3 mm apart" in str(found.doubt)
+    assert replace(found, depths_mm=[1.0, 1.4], dragged=0).line.count("\n") == 0
+    run = shutil.copytree(mini_run, tmp_path / "run")
+    meta = json.loads((run / "run.json").read_text())
+    meta["presses"] = [{"name": "sphere-10/p1", "role": "validate"}]
+    (run / "run.json").write_text(json.dumps(meta))
+    with pytest.raises(InputError, match=r"no press of a sphere in this run \(indenters: 4dots"):
+        calibrate_depth(run)
+
+
 def spoil(image: np.ndarray, way: str) -> np.ndarray:
     """Grey: the luma is followed and no colour bears it out. Hidden: nearly half is not seen."""
     if way == "grey":
@@ -140,5 +157,5 @@ def test_depth_calibration_needs_trusted_covered_flow(
     (flow,) = settled_flows(open_run(run.folder), last["press"], FaceFlow.SPACING_PX)
     assert flow.trusted == trusted
     assert flow.cover < MIN_DEPTH_COVER
-    with pytest.raises(InputError, match="and a trusted flow"):
+    with pytest.raises(InputError, match="more and with a trusted flow"):
         calibrate_depth(run.folder)

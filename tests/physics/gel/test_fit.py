@@ -13,7 +13,7 @@ from deltact_fab.app.cli.gel import fit as command
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.fit.fit import GelFit, fit_press
 from deltact_fab.physics.gel.fit.force_curve import ForceCurve, force_curve
-from deltact_fab.physics.gel.fit.measured import MeasuredIndentation, read_press_csv
+from deltact_fab.physics.gel.fit.measured import MeasuredIndentation
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -146,7 +146,7 @@ def test_bad_files_are_refused_by_place(tmp_path: Path, text: str, said: str) ->
     path = tmp_path / "bad.csv"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match=said) as why:
-        read_press_csv(path)
+        MeasuredIndentation.from_csv(path)
     assert str(path) in str(why.value)
     assert "\n" not in str(why.value)
 
@@ -155,7 +155,7 @@ def test_csv_with_comments_and_drag(tmp_path: Path) -> None:
     path = tmp_path / "good.csv"
     rows = "".join(f"{k}, {k / 4} , {k}, 0.01, x\n" for k in range(8)) + "8, 2, 7, 0.5, x\n"
     path.write_text("\ufeff# bench 2\ntime_s, depth_mm , normal_n, shear_y_mm, operator\n" + rows)
-    data = read_press_csv(path)
+    data = MeasuredIndentation.from_csv(path)
     np.testing.assert_array_equal(data.depth_mm, np.arange(8) / 4)
     assert data.dragged == 1
 
@@ -185,6 +185,31 @@ def test_forces_without_modulus_are_refused() -> None:
         fitted(d, truth().normal_n(d) * 0.02 + noise(11, 12, 5.0))
     with pytest.raises(RunFailed, match="no modulus above 0"):
         fitted(d, -(d**1.5))
+
+
+@pytest.mark.slow
+def test_command_on_a_run(mini_run: Path) -> None:
+    """The press of the ball of a run on the linear gel; an option replaces what the run states."""
+    words = [str(mini_run), "--press", "sphere-10/p1", "--spacing", "1", "--json"]
+    found, thin = (
+        json.loads(CliRunner().invoke(command, [*words, *more], catch_exceptions=False).stdout)
+        for more in ([], ["--thickness", "6"])
+    )
+    assert found["modulus_mpa"]["value"] == pytest.approx(0.56, rel=0.05)
+    assert found["at_mm"] == [0.5, -0.5]
+    assert (found["thickness_mm"], thin["thickness_mm"]) == (12, 6)
+    assert thin["modulus_mpa"]["value"] < 0.95 * found["modulus_mpa"]["value"]
+    assert any(note.endswith("along the face on: not fitted") for note in found["notes"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"), [([], "--indenter: needed"), (["--press", "p1"], "--press: only for a run")]
+)
+def test_command_on_incomplete_table(tmp_path: Path, more: list[str], said: str) -> None:
+    (tmp_path / "press.csv").write_text(HEAD + ROWS)
+    done = CliRunner().invoke(command, [str(tmp_path / "press.csv"), *more])
+    assert isinstance(done.exception, InputError)
+    assert said in str(done.exception)
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from ...measure.force.calibration import ForceCalibration, load_force
 from ...measure.force.inverse import Inverse
 from ...measure.force.model import WRENCH_AXES, Features, ForceModel
 from ...measure.sensor_id import SensorModel
-from ..runs import has_rests, head_of, in_pixels, settled_rows, view_of_run
+from ..runs import fitted_rows, has_rests, head_of, in_pixels, settled_rows, view_of_run
 from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
@@ -33,8 +33,10 @@ from .judge import (
     force_error_n,
     learning_curve,
     ranking_error_n,
+    validate,
 )
-from .result import PAPER_CONDITIONS, ForceResult
+from .reference import reference_change
+from .result import PAPER_CONDITIONS, ForceResult, unfitted_lines
 
 NO_CAMERA = "camera unknown: the flow is in pixels instead of mm, no calibration is written"
 
@@ -62,14 +64,19 @@ def calibrate(
     gathered = requested if names else (*requested, *FORCE_READINGS)
     source, view = str(runs[0].folder), view_of_run(runs[0])
     # Upper bound of the number of points: too few are refused before anything is tracked.
-    max_points = sum(len(settled_rows(x)) for table in tables for _, x in table.groupby("press"))
+    max_points = sum(
+        len(settled_rows(frames))
+        for run, table in zip(runs, tables, strict=True)
+        for _, frames in fitted_rows(run, table).groupby("press")
+    )
     for name in required:
         _require_enough(make_features(name, view), max_points, source)
     data = gather_data(runs, gathered, executor, progress)
     gel = unrelaxed = None
     if Inverse.name in requested:
-        unrelaxed = fit_unrelaxed(data)
-        relaxed = unrelaxed.relaxed_wrenches(data) if unrelaxed else data
+        fitted = data.of_role("fit")
+        unrelaxed = fit_unrelaxed(fitted)
+        relaxed = unrelaxed.relaxed_wrenches(fitted) if unrelaxed else fitted
         gel = identify_gel(runs, relaxed, view, progress)
     if gel is not None:
         view = view.with_gel(gel.poisson, gel.thickness_mm)
@@ -78,8 +85,9 @@ def calibrate(
     result = fit_best_model(
         data, seed, lambda model, error: _assemble(runs, model, view, error=error), required, source
     )
-    left_out = [*result.left_out, *_run_notes(runs, tables)]
-    return replace(result, gel=gel, unrelaxed=unrelaxed, left_out=left_out)
+    notes = [*result.notes, *_run_notes(runs, tables)]
+    reference = reference_change(runs)
+    return replace(result, gel=gel, unrelaxed=unrelaxed, notes=notes, reference=reference)
 
 
 def fit_best_model(
@@ -91,17 +99,19 @@ def fit_best_model(
 ) -> ForceResult:
     """Fit and cross-validate every feature set of the points; the best becomes the calibration.
 
+    Points of presses to validate only test the best one, others that are not fitted are dropped.
     calibration: builds one from a model and its errors. required: sets for which too few points
     raise InputError; source: prefix of its message.
     """
-    models, left_out = [], list(data.left_out)
+    all_data, data = data, data.of_role("fit")
+    models, notes = [], list(data.notes)
     for name in (name for name in data.sets if name in FORCE_FEATURES):
         try:
             _require_enough(data.sets[name], len(data), source)
         except InputError as error:
             if name in required:
                 raise
-            left_out.append(str(error))
+            notes.append(str(error))
         else:
             models.append(evaluate_features(data, name, seed))
     models.sort(key=lambda model: ranking_error_n(model, data))
@@ -110,7 +120,8 @@ def fit_best_model(
         for name in dict.fromkeys((models[0].name, PAPER_CONDITIONS))
     }
     best = calibration(models[0].model, calibrated_errors(models[0], data))
-    return ForceResult(data, models, best, seed, left_out, curves)
+    validation = validate(models[0].model, all_data)
+    return ForceResult(data, models, best, seed, notes, curves, validation=validation)
 
 
 def transfer_calibration(
@@ -127,10 +138,11 @@ def transfer_calibration(
     view = calibration.view(SensorModel(runs[0].camera))
     load_features(calibration.model, view, f"{source}: model")
     data = gather_data(runs, (name,), None, progress)
-    transferred = transfer(calibration.model, data)
+    transferred = transfer(calibration.model, data.of_role("fit"))
+    lines = unfitted_lines(validate(transferred.model, data), reference_change(runs))
     table = {"of": list(calibration.head.made.runs), **transferred.as_dict()}
     result = _assemble(runs, transferred.model, view_of_run(runs[0]), transfer=table)
-    return transferred, result, [*data.left_out, *_run_notes(runs, tables)]
+    return transferred, result, [*lines, *data.notes, *_run_notes(runs, tables)]
 
 
 def _require_enough(features: Features, points: int, source: str) -> None:

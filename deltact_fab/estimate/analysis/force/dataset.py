@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -70,19 +70,36 @@ class ForceData:
     """Training points of one sensor.
 
     points: one row per point: run, indenter, position (label, the same for all mirror images),
-    x_mm, y_mm of the press, press, frame_id, cover, wait_s since the motion ended. wrench: (n, 6)
+    x_mm, y_mm of the press, press, role of the press (without it: fit), frame_id, cover, wait_s
+    since the motion ended. wrench: (n, 6)
     on the sensor about the centre of the resting face, N and N mm. features: (n, k) by name of
-    the feature set, sets: the sets. left_out: one line per reason for skipped frames.
+    the feature set, sets: the sets. notes: one line per reason for skipped frames.
     """
 
     points: pd.DataFrame
     wrench: Array
     features: dict[str, Array]
     sets: dict[str, Features]
-    left_out: list[str]
+    notes: list[str]
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def has_role(self, role: str) -> Array:
+        """Mask (n,) of the points of presses of a role."""
+        if "role" not in self.points:
+            return np.full(len(self), role == "fit")
+        return (self.points["role"] == role).to_numpy()
+
+    def of_role(self, role: str) -> ForceData:
+        """Points of the presses of a role."""
+        rows = self.has_role(role)
+        return replace(
+            self,
+            points=self.points[rows].reset_index(drop=True),
+            wrench=self.wrench[rows],
+            features={name: values[rows] for name, values in self.features.items()},
+        )
 
 
 @dataclass(frozen=True)
@@ -140,7 +157,9 @@ def gather_data(
     progress: Progress | None = None,
     view: SensorModel | None = None,
 ) -> ForceData:
-    """Gather the points of runs for named feature sets. Raises InputError without a usable frame.
+    """Gather the points of runs for named feature sets, without those of reference presses.
+
+    Raises InputError without a usable frame.
 
     view: sensor model, None: as the runs describe it.
     """
@@ -149,6 +168,7 @@ def gather_data(
         (str(run.folder), label, press)
         for run, label in zip(runs, run_labels(runs), strict=True)
         for press in presses(run)
+        if run.press_roles().get(press) != "reference"
     ]
     titles = [press for _, _, press in jobs]
     work = partial(_measure_job, names=tuple(names), view=view)
@@ -178,12 +198,12 @@ def gather_points(
     points = pd.concat([part.rows for part in parts], ignore_index=True)
     refused = Counter(reason for part in parts for reason in part.refused)
     total = len(points) + refused.total()
-    left_out = [f"{n} of {total} frames: {reason}" for reason, n in refused.items()]
+    notes = [f"{n} of {total} frames: {reason}" for reason, n in refused.items()]
     if points.empty:
-        raise InputError(f"{source}: no usable frame: {'; '.join(left_out) or 'no frames'}")
+        raise InputError(f"{source}: no usable frame: {'; '.join(notes) or 'no frames'}")
     features = {n: np.concatenate([part.features[n] for part in parts]) for n in names}
     wrench = np.concatenate([part.wrench for part in parts])
-    return ForceData(points, wrench, features, sets, left_out)
+    return ForceData(points, wrench, features, sets, notes)
 
 
 def _measure_job(job: tuple[str, str, str], names: Sequence[str], view: SensorModel) -> PressPoints:
@@ -239,6 +259,7 @@ def measure_force_points(
     table = rows[["frame_id", "indenter"]].assign(
         run=label,
         press=press_label,
+        role=run.press_roles().get(press, "fit"),
         # Mirror images are one position: a mirror-symmetric model has seen all in any of them.
         position=Run.UNKNOWN if run.imported else f"({abs(x_mm):g}, {abs(y_mm):g})",
         x_mm=x_mm,

@@ -121,9 +121,10 @@ class UnrelaxedForces:
         )
 
     def relaxed_wrenches(self, data: ForceData) -> ForceData:
-        """Return points with wrenches as they would be after the longest wait."""
+        """Return points with wrenches as they would be after the longest wait of fitted ones."""
         excess = 1 + self.share * np.exp(-data.points["wait_s"].to_numpy(float) / self.time_s)
-        return replace(data, wrench=data.wrench * (excess.min() / excess)[:, None])
+        least = excess[data.has_role("fit")].min()
+        return replace(data, wrench=data.wrench * (least / excess)[:, None])
 
 
 def fit_unrelaxed(data: ForceData) -> UnrelaxedForces | None:

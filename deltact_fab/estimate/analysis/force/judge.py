@@ -6,7 +6,8 @@ not cross-validated: the gel (`gel.identify_gel`), and the choice of the best fe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from deltact_fab.common import Array, InputError
 
 from ...measure.force.model import WRENCH_AXES, ForceModel
 from ...measure.regression import RegressionFit
+from ..intervals import Interval
 from .dataset import ForceData
 
 CV_FOLDS, CV_REPEATS = 5, 10
@@ -209,28 +211,109 @@ MAX_TRAINING_SHARE = 0.8
 """Largest share of the presses to train on; by hand: the rest must suffice as test data."""
 CURVE_TOLERANCE = 1.1
 """Error that counts as no worse, over that from the most presses; by hand: above noise of draws."""
+FLAT_SIZES = 2  # that do not improve on fewer presses; by hand: one alone may be chance
 
 
-def learning_curve(data: ForceData, name: str, seed: int) -> dict[int, float]:
-    """Return force errors on all other presses, N, by the number of training presses.
+@dataclass(frozen=True)
+class LearningCurve:
+    """Force errors on all other presses, N, by the number of training presses.
 
-    Over CV_REPEATS draws; numbers are omitted for which a draw could not be fitted.
+    last_step: the last error over the one before, with the wider interval, over presses or draws;
+    None where unknown.
+    """
+
+    errors_n: dict[int, float]
+    last_step: Interval | None = None
+
+    @property
+    def enough(self) -> int | None:
+        """The fewest presses that no FLAT_SIZES or more larger numbers improve on, None: unknown.
+
+        An improvement exceeds CURVE_TOLERANCE.
+        """
+        sizes, errors_n = list(self.errors_n), list(self.errors_n.values())
+        for k in range(len(sizes) - FLAT_SIZES):
+            if errors_n[k] <= CURVE_TOLERANCE * min(errors_n[k + 1 :]):
+                return sizes[k]
+        return None
+
+    @property
+    def clause(self) -> str:
+        """Gain of more presses: little, some, or unknown."""
+        if self.enough is not None:
+            return f"more than {self.enough} presses improve it little"
+        step = self.last_step
+        if step is not None and step.high is not None and step.high < 1:
+            fewer, last = list(self.errors_n)[-2:]
+            change = f"error of {last} over that of {fewer}: {step.value:.2f}"
+            return f"more presses would improve it ({change} [{step.low:.2f} to {step.high:.2f}])"
+        return "unknown if more presses would improve it"
+
+
+def learning_curve(data: ForceData, name: str, seed: int) -> LearningCurve:
+    """Evaluate the learning curve of a feature set, over CV_REPEATS draws of presses.
+
+    Numbers of presses are omitted for which a draw could not be fitted.
     """
     X, press = data.features[name], np.unique(data.points["press"], return_inverse=True)[1]
-    count, rng, curve = int(press.max()) + 1, np.random.default_rng(seed), {}
+    count, rng = int(press.max()) + 1, np.random.default_rng(seed)
+    errors_n: dict[int, float] = {}
+
+    def residual(train: Array, test: Array) -> Array:
+        return fit_force(data, name, train).predict(X[test]) - data.wrench[test]
+
     max_presses = int(MAX_TRAINING_SHARE * count)
     for size in sorted({n for n in (*CURVE_SIZES, max_presses) if 0 < n <= max_presses}):
         draws = [(rng.permutation(count) < size)[press] for _ in range(CV_REPEATS)]
-        try:
-            predictions = [fit_force(data, name, train).predict(X[~train]) for train in draws]
-        except InputError:
-            continue
-        residuals = [p - data.wrench[~train] for p, train in zip(predictions, draws, strict=True)]
-        curve[size] = force_error_n(np.concatenate(residuals)) or 0.0
-    return curve
+        with suppress(InputError):
+            residuals = [residual(train, ~train) for train in draws]
+            errors_n[size] = force_error_n(np.concatenate(residuals)) or 0.0
+    rows = []
+    with suppress(InputError):  # of the last step: each draw's fewer presses are among its more
+        for draw in range(CV_REPEATS) if len(errors_n) > 1 else ():
+            turn = rng.permutation(count)[press]
+            test = turn >= max(errors_n)
+            pair = (residual(turn < n, test) for n in list(errors_n)[-2:])
+            squares = [(r[:, :3] ** 2).sum(axis=1) for r in pair]
+            rows.append(np.column_stack((*squares, press[test], np.full(test.sum(), draw))))
+    steps = np.concatenate(rows) if rows else np.zeros((1, 4))
+    if not steps[:, :2].any(axis=0).all():
+        return LearningCurve(errors_n)
+    of_press, of_draw = (
+        Interval.jackknife(
+            steps[:, :2], steps[:, k], lambda r: float(np.sqrt(r[:, 1].mean() / r[:, 0].mean())),
+            noun, "positive",
+        )
+        for k, noun in ((2, "press"), (3, "draw"))
+    )  # fmt: skip
+    return LearningCurve(errors_n, _widest((of_press, of_draw)))
 
 
-def presses_needed(curve: dict[int, float]) -> int | None:
-    """The fewest presses whose error is within a tenth of the last one's; None without any."""
-    limit_n = CURVE_TOLERANCE * next(reversed(curve.values()), 0.0)
-    return next((n for n, error_n in curve.items() if error_n <= limit_n), None)
+def _widest(intervals: Iterable[Interval]) -> Interval:
+    """Return the widest interval, or one that is not known."""
+    return max(intervals, key=lambda i: np.inf if i.low is None else (i.high or 0) - i.low)
+
+
+def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval | None:
+    """RMSE with the wider interval over the units that a split tests on; None where unknown.
+
+    errors: (repeats, n), N or N mm, of points by this split. Units: positions, indenters, presses
+    or runs; distinct presses (indenter and position) for single points.
+    """
+    if not errors.size or np.isnan(errors).any():
+        return None
+    columns = ("position", "indenter") if split == "unseen" else (split,)
+    groups = {c: points[c] for c in columns if c != "point" and points[c].nunique() > 1}
+    groups = groups or {"distinct press": points["indenter"] + " " + points["position"]}
+    return _widest(
+        Interval.rmse(errors.ravel(), np.tile(g, len(errors)), n) for n, g in groups.items()
+    )
+
+
+def validate(model: ForceModel, data: ForceData) -> dict[str, Interval]:
+    """Errors of a model by component on presses to validate, which nothing was fitted to."""
+    data = data.of_role("validate")
+    residual = model.predict(data.features[model.features]) - data.wrench
+    errors = {name: force_component(residual, name)[None] for name in WRENCH_LABELS}
+    intervals = {name: error_interval(e, data.points, "point") for name, e in errors.items()}
+    return {name: interval for name, interval in intervals.items() if interval}

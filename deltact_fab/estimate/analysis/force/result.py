@@ -16,6 +16,7 @@ from deltact_fab.common import Array, make_folder, write_whole
 from ...measure.force import FORCE_FEATURES, FORCE_READINGS
 from ...measure.force.calibration import ForceCalibration
 from ...measure.regression import least_squares
+from ..intervals import MIN_GROUPS, Interval
 from ..runs import write_results
 from .dataset import ForceData
 from .gel import IdentifiedGel, UnrelaxedForces
@@ -24,15 +25,17 @@ from .judge import (
     FORCE_SPLITS,
     WRENCH_LABELS,
     EvaluatedModel,
+    LearningCurve,
     cross_validate,
+    error_interval,
     force_component,
     force_figures,
-    presses_needed,
     root_mean_square,
 )
 
 PAPER_CONDITIONS = "paper"
 DENSITY_FEATURES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
+VARIED_UNITS = {"press": "presses", "position": "places", "indenter": "tips"}
 HELD_OUT_COLUMNS = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
 
 
@@ -42,7 +45,8 @@ class ForceResult:
 
     models: best first; the best one is the calibration. curves: by feature set, see
     `learning_curve`. gel: fitted to the presses, None where the design's is kept. unrelaxed:
-    correction of early labels, None: not needed.
+    correction of early labels, None: not needed. validation: errors on presses to validate, by
+    component. reference: change of force over the run, %.
     """
 
     COMPONENTS: ClassVar = FORCE_COMPONENTS
@@ -62,10 +66,12 @@ class ForceResult:
     models: list[EvaluatedModel]
     calibration: ForceCalibration
     seed: int
-    left_out: list[str]
-    curves: dict[str, dict[int, float]] = made_by(default_factory=dict)
+    notes: list[str]
+    curves: dict[str, LearningCurve] = made_by(default_factory=dict)
     gel: IdentifiedGel | None = None
     unrelaxed: UnrelaxedForces | None = None
+    validation: dict[str, Interval] = made_by(default_factory=dict)
+    reference: Interval | None = None
 
     @property
     def best(self) -> EvaluatedModel:
@@ -81,9 +87,14 @@ class ForceResult:
         return force_component(self.data.wrench, name)
 
     @property
-    def presses_needed(self) -> int | None:
-        """The fewest presses whose error is within a tenth of the last one's; None: unknown."""
-        return presses_needed(self.curves.get(self.best.name, {}))
+    def curve(self) -> LearningCurve:
+        """Learning curve of the best model."""
+        return self.curves.get(self.best.name) or LearningCurve({})
+
+    def error_interval(self, model: EvaluatedModel, name: str, split: str) -> Interval | None:
+        """Interval of a model's error of a component by a split; None where it is unknown."""
+        errors = model.component(name, split) - self.wrench_component(name)
+        return error_interval(errors, self.data.points, split)
 
     def figures(self) -> dict[str, dict[str, Any]]:
         """Figures by feature set, see `judge.force_figures`."""
@@ -107,18 +118,50 @@ class ForceResult:
 
     @property
     def line(self) -> str:
-        """The verdict: the best model and its errors."""
-        best, split = self.best, self.best.ranked_by
-        text = f"Use {best.name}: {_format_errors(best, self.data)}, {FORCE_SPLITS[split]}"
-        if (self.data.points["position"] == Run.UNKNOWN).all():  # of an imported run
+        """The verdict: the best model and its errors, and what they do not cover."""
+        points, split = self.data.points, self.best.ranked_by
+        varied = [column for column in VARIED_UNITS if points[column].nunique() > 1]
+        tested_on = FORCE_SPLITS[split]
+        if split == "unseen":  # all points share a sole position or indenter
+            tested_on = f"unseen {' and '.join(c for c in varied if c != 'press')}"
+        text = f"Use {self.best.name}: {self._format_errors(self.best)}, {tested_on}"
+        if (points["position"] == Run.UNKNOWN).all():  # of an imported run
             return text.replace("presses", "time segments")
-        if self.paper is not best:
-            text += f"; the paper's model {_format_errors(self.paper, self.data)}"
-        if split in ("press", "point"):
-            text += "; only one position and indenter: calibrate on more for a test on unseen ones"
-        if (few := self.presses_needed) is not None:
-            text += f"; little gain beyond {few} presses"
-        return text
+        interval = self.error_interval(self.best, "normal", split)
+        text += "" if interval is None else f" ({interval.over})"
+        if self.paper is not self.best:
+            text += f"; the paper's model {self._format_errors(self.paper)}"
+        if single := [noun for column, noun in VARIED_UNITS.items() if column not in varied]:
+            text += f"; says nothing of other {' or '.join(single)}"
+        if points["position"].nunique() < MIN_GROUPS:
+            text += f"; at least {MIN_GROUPS} places are needed"
+        return f"{text}; {self.curve.clause}"
+
+    def _format_errors(self, model: EvaluatedModel) -> str:
+        """Text like "normal force to 0.17 N [0.1 to 0.3] (2.0 % of 8.7 N), shear to 0.03 N ...".
+
+        Each share stands beside the range of the presses that it refers to.
+        """
+        figures, words = force_figures(model, self.data), []
+        for name in FORCE_COMPONENTS:
+            span, percent = figures[name]["range_n"], figures[name]["percent_of_range"]
+            error, share = "unknown", "?"
+            if span and (interval := self.error_interval(model, name, model.ranked_by)):
+                error = interval.format("N") if model is self.best else f"{interval.value:.2f} N"
+                share = f"{percent:.1f} %"
+            words.append((error, f"{share} of {span:.1f} N"))
+        (normal, part), *shears = words
+        text = f"normal force to {normal} ({part}), "
+        if not any(figures[name]["range_n"] for name in FORCE_COMPONENTS[1:]):
+            return f"{text}shear not calibrated (no shear in the data)"
+        values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
+        return f"{text}shear to {values} ({parts})"
+
+    @property
+    def findings(self) -> list[str]:
+        """Further results, one line each."""
+        lines = [finding.line for finding in (self.unrelaxed, self.gel) if finding]
+        return [*lines, *unfitted_lines(self.validation, self.reference)]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, without the points."""
@@ -137,10 +180,21 @@ class ForceResult:
             "simulated": source.simulated,
             "run_seed": source.seed,
             "split_seed": self.seed,
-            "learning_n": self.curves,
+            "learning_n": {name: curve.errors_n for name, curve in self.curves.items()},
+            "more_presses": {
+                "enough": self.curve.enough,
+                "last_step": self.curve.last_step and self.curve.last_step._asdict(),
+            },
+            "intervals": {
+                name: interval._asdict()
+                for name in WRENCH_LABELS
+                if (interval := self.error_interval(self.best, name, self.best.ranked_by))
+            },
+            "validation": {name: i._asdict() for name, i in self.validation.items()},
+            "reference_percent": self.reference and self.reference._asdict(),
             "gel": None if self.gel is None else asdict(self.gel),
             "early_labels": None if self.unrelaxed is None else asdict(self.unrelaxed),
-            "left_out": self.left_out,
+            "left_out": self.notes,
         }
 
     def points(self) -> pd.DataFrame:
@@ -215,6 +269,17 @@ class ForceResult:
         return files
 
 
+def unfitted_lines(validation: dict[str, Interval], reference: Interval | None) -> list[str]:
+    """Results of the presses that are not fitted, one line per role."""
+    lines = []
+    if error := validation.get("normal"):
+        lines.append(f"validation: normal force to {error.format('N')} ({error.over})")
+    if reference:
+        change = f"normal force changed by {reference.format('%')} over the run"
+        lines.append(f"reference: {change} ({reference.over})")
+    return lines
+
+
 def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[Path]:
     """Write a calibration and the image of the face at rest beside it, each file atomically."""
     make_folder(path.parent)
@@ -224,19 +289,3 @@ def write_force_calibration(calibration: ForceCalibration, path: Path) -> list[P
         write_whole(rest, calibration.rest)
     write_whole(path, calibration.toml(rest.name).encode())
     return [path] if calibration.rest is None else [path, rest]
-
-
-def _format_errors(evaluated: EvaluatedModel, data: ForceData) -> str:
-    """Text like "normal force to 0.17 N (2.0 % of 8.7 N), shear to 0.03 and 0.04 N (...)"."""
-    figures, key = force_figures(evaluated, data), f"rmse_left_out_{evaluated.ranked_by}_n"
-
-    def format_component(name: str) -> tuple[str, str]:
-        error, share = figures[name][key], figures[name]["percent_of_range"]
-        return ("unknown", "?") if error is None else (f"{error:.2f} N", f"{share:.1f} %")
-
-    (normal, part), *shears = (format_component(name) for name in FORCE_COMPONENTS)
-    text = f"normal force to {normal} ({part} of {figures['normal']['range_n']:.1f} N), "
-    if not any(figures[name]["range_n"] for name in FORCE_COMPONENTS[1:]):
-        return f"{text}shear not calibrated (no shear in the data)"
-    values, parts = (" and ".join(column) for column in zip(*shears, strict=True))
-    return f"{text}shear to {values} ({parts})"

@@ -1,4 +1,4 @@
-"""Depth calibration on one press of a ball, from its radius, the stage's positions and images."""
+"""Depth calibration on presses of a ball, from its radius, the stage's positions and images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...measure.force.calibration import load_force
 from ...measure.sensor_id import CalibrationHead, require_same_sensor
 from ...measure.shape.depth import DepthFinder, DepthModel, ball_depth_mm
 from ..flows import settled_flows
-from ..runs import head_of, read_frames, sensor_of, settled_rows, view_of_run
+from ..runs import fitted_rows, head_of, read_frames, sensor_of, settled_rows, view_of_run
 
 # Share of a press's depth below which the ball certainly touches; by hand, above the rim's 0.3.
 SURE_CONTACT_SHARE = 0.4
@@ -31,8 +31,9 @@ DOUBTFUL_GAIN, MAX_DEPTH_GAIN = 2.0, 3.0
 class DepthCalibration:
     """A model of the depth and its source.
 
-    diameter_mm: of the ball. depths_mm: of the press, frame by frame. error_mm: mean distance
-    to the ball over the points that certainly touch, in the calibration's own frames.
+    diameter_mm: of the ball. depths_mm: of the stops. error_mm: mean distance
+    to the ball over the points that certainly touch, in the calibration's own frames. dragged:
+    number of stops not used, as the ball was dragged along the face.
     """
 
     head: CalibrationHead
@@ -40,9 +41,11 @@ class DepthCalibration:
     diameter_mm: float
     depths_mm: list[float]
     error_mm: float
+    dragged: int
 
     def as_dict(self) -> dict[str, Any]:
-        return {"depth": self.model.as_dict(), "ball": self._ball(), "doubt": self.doubt}
+        tables = {"depth": self.model.as_dict(), "ball": self._ball()}
+        return {**tables, "doubt": self.doubt, "dragged": self.dragged}
 
     def toml(self) -> str:
         return self.head.toml({"depth": self.model.as_dict(), "ball": self._ball()})
@@ -52,20 +55,29 @@ class DepthCalibration:
         model = self.model
         return (
             f"Depth calibrated on a sphere of {self.diameter_mm:g} mm at "
-            f"{', '.join(f'{depth:.2f}' for depth in self.depths_mm)} mm: gain {model.gain:.3f}; "
+            f"{', '.join(dict.fromkeys(f'{d:.2f}' for d in self.depths_mm))} mm: "
+            f"gain {model.gain:.3f}; "
             f"mean error {self.error_mm:.3f} mm where the sphere certainly touches "
-            f"({self.head.origin})." + (f"\nDoubtful: {self.doubt}" if self.doubt else "")
+            f"({self.head.origin})."
+            + (f"\n{self.dragged} stops not used: dragged along the face" if self.dragged else "")
+            + (f"\nDoubtful: {self.doubt}" if self.doubt else "")
         )
 
     @property
     def doubt(self) -> str | None:
         """Reason to doubt the gain, None without one."""
-        if 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
-            return None
-        return (
-            f"gains are usually between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g}; check the "
-            "sphere's diameter, the stage's zero at the face and the skin's thickness"
-        )
+        reasons = []
+        if not 1 / DOUBTFUL_GAIN <= self.model.gain <= DOUBTFUL_GAIN:
+            reasons.append(
+                f"gains are usually between {1 / DOUBTFUL_GAIN:g} and {DOUBTFUL_GAIN:g}; check the "
+                "sphere's diameter, the stage's zero at the face and the skin's thickness"
+            )
+        if max(self.depths_mm) - min(self.depths_mm) < MIN_PRESS_MM:
+            reasons.append(
+                "one depth says nothing of others; stops at least "
+                f"{MIN_PRESS_MM} mm apart are needed"
+            )
+        return "; ".join(reasons) or None
 
     def _ball(self) -> dict[str, Any]:
         return {
@@ -76,16 +88,17 @@ class DepthCalibration:
 
 
 def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalibration:
-    """Calibrate depth on the first press of a ball in a run.
+    """Calibrate depth on the presses of a run's first ball, by their stops without a drag.
 
     force: a force calibration, whose gel replaces the design's: a measurement that uses both then
     inverts the face once.
 
-    Uses the images and stage positions of the settled frames and the ball's diameter. Raises
-    InputError for a run that is unfinished, has no images or no ball pressed 0.3 mm deep.
+    Uses the images and stage positions of the settled frames and the ball's diameter, of presses of
+    role "fit". Raises InputError for a run that is unfinished, has no images or no ball pressed
+    0.3 mm deep.
     """
     run = open_run(folder)
-    frames = read_frames(run, "shape")
+    frames = fitted_rows(run, read_frames(run, "shape"))
     balls = frames[frames["indenter"].str.startswith("sphere:")]
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
@@ -93,39 +106,43 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
             f"{folder}: no press of a sphere in this run (indenters: {names}); depth calibration "
             "needs one, as in the protocol 'ball-press'"
         )
-    press = str(balls["press"].iloc[0])
-    diameter_mm = float(str(balls["indenter"].iloc[0]).removeprefix("sphere:"))
+    ball = str(balls["indenter"].iloc[0])
+    diameter_mm = float(ball.removeprefix("sphere:"))
     view = view_of_run(run)
     if force is not None:
         calibration = load_force(force)
         require_same_sensor(calibration.head, sensor_of(run), str(force))
         view = calibration.view(view)
     finder = DepthFinder(view, DepthModel(gain=1.0, deepest_mm=MIN_PRESS_MM))
-    parts, depths = [], []
-    rows = settled_rows(run.frames(press))
-    tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    for tip, flow in zip(tips, settled_flows(run, press, FaceFlow.SPACING_PX), strict=True):
-        if not (-tip[2] >= MIN_PRESS_MM and flow.trusted and flow.cover >= MIN_DEPTH_COVER):
-            continue
-        expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
-        touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
-        measured = finder.find(flow).depth_mm
-        parts.append(np.stack((measured[touching], expected[touching])))
-        depths.append(-float(tip[2]))
+    parts, depths, dragged = [], [], 0
+    for press in dict.fromkeys(balls.loc[balls["indenter"] == ball, "press"]):
+        rows = settled_rows(run.frames(press))
+        flows = settled_flows(run, press, FaceFlow.SPACING_PX)
+        tips = rows[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
+        dragged += int((rows["kind"] == "shear").sum())
+        for kind, tip, flow in zip(rows["kind"], tips, flows, strict=True):
+            covered = flow.trusted and flow.cover >= MIN_DEPTH_COVER
+            if kind == "shear" or not (-tip[2] >= MIN_PRESS_MM and covered):
+                continue
+            expected = ball_depth_mm(flow, view, tip, diameter_mm / 2)
+            touching = (expected > -SURE_CONTACT_SHARE * tip[2]) & flow.known
+            measured = finder.find(flow).depth_mm
+            parts.append(np.stack((measured[touching], expected[touching])))
+            depths.append(-float(tip[2]))
     measured, expected = np.concatenate(parts, axis=1) if parts else np.zeros((2, 0))
     if not measured.any():
         raise InputError(
-            f"{folder}: press {press}: no frame with the sphere {MIN_PRESS_MM} mm deep or more "
-            "and a trusted flow"
+            f"{folder}: {ball}: no undragged stop {MIN_PRESS_MM} mm deep or more and with a "
+            "trusted flow"
         )
     gain = float(measured @ expected / (measured @ measured))
     if not 1 / MAX_DEPTH_GAIN <= gain <= MAX_DEPTH_GAIN:
         raise InputError(
-            f"{folder}: press {press}: the measured depth is {1 / gain:.2g} times the sphere's; "
+            f"{folder}: {ball}: the measured depth is {1 / gain:.2g} times the sphere's; "
             "check its diameter and the stage's zero at the face"
         )
     return DepthCalibration(
         head_of([run], "depth"),
         DepthModel(gain, max(depths), view.poisson, view.skin.thickness_mm), diameter_mm, depths,
-        float(np.abs(gain * measured - expected).mean()),
+        float(np.abs(gain * measured - expected).mean()), dragged,
     )  # fmt: skip

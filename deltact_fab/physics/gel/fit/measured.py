@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -30,43 +31,48 @@ class MeasuredIndentation:
     normal_n: Field
     dragged: int = 0
 
+    @classmethod
+    def from_csv(cls, path: Path | str) -> Self:
+        """Read PRESS_COLUMNS, and SHEAR_COLUMNS for a drag; other columns are ignored.
 
-def read_press_csv(path: Path | str) -> MeasuredIndentation:
-    """Read PRESS_COLUMNS, and SHEAR_COLUMNS for a drag; `#` starts a comment, others are ignored.
+        `#` starts a comment. Raises InputError naming file, line and column.
+        """
+        path = Path(path)
+        lines = _lines(read_text(path))
+        number, header = next(lines, (0, []))
+        if not header:
+            raise InputError(f"{path}: empty; expected a header with {', '.join(PRESS_COLUMNS)}")
+        for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS):
+            if header.count(name) > 1:
+                raise InputError(f"{path}:{number}: column {name} occurs twice; expected once")
+            if name in PRESS_COLUMNS and name not in header:
+                raise InputError(
+                    f"{path}:{number}: no column {name}; expected {' and '.join(PRESS_COLUMNS)} "
+                    f"(got {', '.join(header)})"
+                )
+        place = {n: header.index(n) for n in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if n in header}
+        rows = []
+        for number, cells in lines:
+            if len(cells) != len(header):
+                raise InputError(
+                    f"{path}:{number}: {len(cells)} values below {len(header)} columns; "
+                    "expected commas between values, points in numbers"
+                )
+            rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
+        table = np.array(rows).reshape(len(rows), len(place))
+        dragged = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
+        depth_mm, normal_n = table[~dragged, :2].T
+        return cls.from_rows(str(path), depth_mm, normal_n, int(dragged.sum()))
 
-    Raises InputError naming file, line and column.
-    """
-    path = Path(path)
-    lines = _lines(read_text(path))
-    number, header = next(lines, (0, []))
-    if not header:
-        raise InputError(f"{path}: empty; expected a header with {', '.join(PRESS_COLUMNS)}")
-    for name in (*PRESS_COLUMNS, *SHEAR_COLUMNS):
-        if header.count(name) > 1:
-            raise InputError(f"{path}:{number}: column {name} occurs twice; expected once")
-        if name in PRESS_COLUMNS and name not in header:
+    @classmethod
+    def from_rows(cls, name: str, depth_mm: Field, normal_n: Field, dragged: int) -> Self:
+        """Rows of a press without a drag. Raises InputError for too few, or for wrong signs."""
+        if len(depth_mm) < MIN_ROWS:
             raise InputError(
-                f"{path}:{number}: no column {name}; expected {' and '.join(PRESS_COLUMNS)} "
-                f"(got {', '.join(header)})"
+                f"{name}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
             )
-    place = {n: header.index(n) for n in (*PRESS_COLUMNS, *SHEAR_COLUMNS) if n in header}
-    rows = []
-    for number, cells in lines:
-        if len(cells) != len(header):
-            raise InputError(
-                f"{path}:{number}: {len(cells)} values below {len(header)} columns; "
-                "expected commas between values, points in numbers"
-            )
-        rows.append([_number(path, number, name, cells[i]) for name, i in place.items()])
-    table = np.array(rows).reshape(len(rows), len(place))
-    dragged = np.logical_or.accumulate((np.abs(table[:, 2:]) > STILL_MM).any(axis=1))
-    depth_mm, normal_n = table[~dragged, :2].T
-    if len(depth_mm) < MIN_ROWS:
-        raise InputError(
-            f"{path}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
-        )
-    _check_signs(path, depth_mm, normal_n)
-    return MeasuredIndentation(path.name, depth_mm, normal_n, int(dragged.sum()))
+        _check_signs(name, depth_mm, normal_n)
+        return cls(name, depth_mm, normal_n, dragged)
 
 
 def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -86,16 +92,16 @@ def _number(path: Path, line: int, column: str, text: str) -> float:
     return value
 
 
-def _check_signs(path: Path, depth_mm: Field, normal_n: Field) -> None:
+def _check_signs(name: str, depth_mm: Field, normal_n: Field) -> None:
     deep = depth_mm >= np.quantile(depth_mm, 0.8)
     push, rest = float(normal_n[deep].mean()), float(normal_n[~deep].mean()) if any(~deep) else 0.0
     if not push > 0:
         raise InputError(
-            f"{path}: column normal_n: {push:.3g} N on average where the press is deepest; "
+            f"{name}: column normal_n: {push:.3g} N on average where the press is deepest; "
             "expected positive when pressed"
         )
     if not push > rest:
         raise InputError(
-            f"{path}: column depth_mm: force does not grow with depth; expected depth > 0 into "
+            f"{name}: column depth_mm: force does not grow with depth; expected depth > 0 into "
             "the gel"
         )

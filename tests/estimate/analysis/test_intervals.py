@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from deltact_fab.common.errors import InputError
-from deltact_fab.studies.study import intervals
+from deltact_fab.estimate.analysis.intervals import Interval
 
 WITHIN = 20
 GROUP_SD = 0.5
@@ -27,7 +27,7 @@ def _coverage(count: int, figure, truth: float, trials: int = 400) -> float:
 
 @pytest.mark.parametrize("count", [4, 9])
 @pytest.mark.parametrize(
-    ("figure", "truth"), [(intervals.mean, 0.0), (intervals.rmse, math.sqrt(1 + GROUP_SD**2))]
+    ("figure", "truth"), [(Interval.mean, 0.0), (Interval.rmse, math.sqrt(1 + GROUP_SD**2))]
 )
 def test_interval_has_nominal_coverage(count, figure, truth):
     """95 % nominal; 400 trials have a standard error of 1.1 %."""
@@ -36,10 +36,10 @@ def test_interval_has_nominal_coverage(count, figure, truth):
 
 def test_single_samples_give_student_interval():
     sample = np.random.default_rng(2).normal(3, 2, 9)
-    _, low, high, _ = intervals.estimate(sample, np.arange(9), np.mean, "seed")
+    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed")
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
-    _, low, high, _ = intervals.estimate(sample, np.arange(9), np.mean, "seed", level=0.8)
+    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed", level=0.8)
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.8)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
 
@@ -50,7 +50,7 @@ def test_several_columns_and_unequal_groups():
     below = rng.uniform(1, 2, 30)
     rows = np.column_stack([3 * below, below])
     groups = np.repeat([0, 1, 2, 3], [3, 5, 7, 15])
-    total = intervals.estimate(rows, groups, lambda r: r[:, 0].sum() / r[:, 1].sum(), "group")
+    total = Interval.jackknife(rows, groups, lambda r: r[:, 0].sum() / r[:, 1].sum(), "group")
     assert (total.low, total.high) == pytest.approx((3, 3), rel=1e-12)
 
 
@@ -60,7 +60,7 @@ def test_several_columns_and_unequal_groups():
      ([1, 2, 3], "3 positions: no interval below four")],
 )  # fmt: skip
 def test_few_groups_have_no_interval(groups, over):
-    assert intervals.mean([1.0, 2.0, 3.0], groups, "position") == (2.0, None, None, over)
+    assert Interval.mean([1.0, 2.0, 3.0], groups, "position") == (2.0, None, None, over)
 
 
 @pytest.mark.parametrize(
@@ -68,4 +68,4 @@ def test_few_groups_have_no_interval(groups, over):
 )
 def test_invalid_input_is_refused(values, groups):
     with pytest.raises(InputError, match="as many as groups"):
-        intervals.estimate(values, groups, np.mean, "seed")
+        Interval.jackknife(values, groups, np.mean, "seed")
