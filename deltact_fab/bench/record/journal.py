@@ -408,8 +408,8 @@ def read_press_rows(folder: Path) -> dict[str, list[tuple[Any, ...]]]:
             columns = [c[1] for c in db.execute(f"PRAGMA table_info({table})")]
             names = [c for c in columns if c not in CLOCK_COLUMNS]
             names.sort(key=lambda c: c not in ("frame_id", "step_id"))
-            other = f"WHERE stream NOT GLOB '{MONITOR_PREFIX}*'" if table == "samples" else ""
-            query = f"SELECT {','.join(names)} FROM {table} {other} ORDER BY 1, 2"
+            condition = f"WHERE stream NOT GLOB '{MONITOR_PREFIX}*'" if table == "samples" else ""
+            query = f"SELECT {','.join(names)} FROM {table} {condition} ORDER BY 1, 2"
             stored = db.execute(query).fetchall()
             rows[table] = [row[:3] if "pose" in row else row for row in stored]
     return rows
