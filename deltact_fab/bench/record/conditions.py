@@ -14,8 +14,8 @@ from .run import Run
 
 # Keys that may differ on resume: they change no result and no file.
 _MAY_DIFFER = (
-    "format", "name", "presses", "rig_name", "rig.stage.port", "rig.stage.registration", "rig.camera.model",
-    "rig.camera.source", "rig.monitor", "versions.python", "versions.cadquery",
+    "format", "name", "presses", "rig_name", "rig.stage.port", "rig.stage.registration",
+    "rig.camera.model", "rig.camera.source", "rig.monitor", "versions.python", "versions.cadquery",
 )  # fmt: skip
 
 
