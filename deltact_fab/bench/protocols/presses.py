@@ -11,7 +11,7 @@ from typing import Any
 from deltact_fab.common import Point2
 from deltact_fab.sensor import parse_indenter
 
-from .tables import PressEntry, PressRole, ReferencePress, Shear
+from .tables import PressRole, ReferencePress, Shear
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Press:
     at_mm: Point2
     depths_mm: tuple[float, ...]
     shear: Shear | Point2 | None
-    role: PressRole
-    mounting: int
+    role: PressRole = "fit"
+    mounting: int = 0
 
     @property
     def legs(self) -> dict[float, tuple[tuple[str, Point2], ...]]:
@@ -46,22 +46,10 @@ class Press:
     def as_dict(self) -> dict[str, Any]:
         """Row of the record."""
         x, y = self.at_mm
-        drag = (
-            dict(zip(("shear_x_mm", "shear_y_mm"), self.shear, strict=True))
-            if isinstance(self.shear, tuple)
-            else {}
-        )
+        drag = self.shear if isinstance(self.shear, tuple) else ()
         return {"name": self.name, "role": self.role, "indenter": self.indenter, "x_mm": x,
-                "y_mm": y, "depths_mm": list(self.depths_mm), **drag}  # fmt: skip
-
-
-def listed_press(number: int, entry: PressEntry) -> Press:
-    """Press of an entry of a list."""
-    slug, drag = parse_indenter(entry.indenter).slug, (entry.shear_x_mm, entry.shear_y_mm)
-    shear = drag if any(drag) else None
-    at_mm, depths_mm = (entry.x_mm, entry.y_mm), (entry.depth_mm,)
-    name = f"{slug}/p{number}"
-    return Press(name, number, entry.indenter, at_mm, depths_mm, shear, entry.role, 0)
+                "y_mm": y, "depths_mm": list(self.depths_mm),
+                **dict(zip(("shear_x_mm", "shear_y_mm"), drag, strict=False))}  # fmt: skip
 
 
 def repeat_presses(presses: Sequence[tuple[Press, int]]) -> list[Press]:
@@ -92,20 +80,14 @@ def add_references(
     presses: Sequence[Press], reference: ReferencePress, counts: Counter[str]
 ) -> Iterator[Press]:
     """Presses of a mounting with its reference presses. counts: of the earlier ones by indenter."""
-    tip = presses[0].indenter
-    slug = parse_indenter(tip).slug
-
-    def create() -> Press:
-        counts[tip] += 1
-        k = counts[tip]
-        depths_mm = (reference.depth_mm,)
-        return Press(f"{slug}/ref{k}", k, tip, reference.at_mm, depths_mm, None, "reference", 0)
-
-    for k, press in enumerate(presses):
-        if k % reference.every == 0:
-            yield create()
-        yield press
-    yield create()
+    tip, depths_mm = presses[0].indenter, (reference.depth_mm,)
+    for k, press in enumerate((*presses, None)):
+        if k % reference.every == 0 or press is None:
+            counts[tip] += 1
+            name = f"{parse_indenter(tip).slug}/ref{counts[tip]}"
+            yield Press(name, counts[tip], tip, reference.at_mm, depths_mm, None, "reference")
+        if press is not None:
+            yield press
 
 
 def drag_legs(
