@@ -180,12 +180,9 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
 def _passing_places(steps: list[Step], axis: int, step_id: str, bound_mm: float) -> str:
     """Positions on which the indenter of a failed step passes, drags included."""
     failed = next(step for step in steps if step.id == step_id)
-    centre = next(s.target_mm[axis] for s in steps if s.press == failed.press)
     indenter = parse_indenter(failed.indenter)
-    drag_mm = max(
-        abs(s.target_mm[axis] - centre) for s in steps
-        if s.press == failed.press and s.kind in ("press", "shear")
-    )  # fmt: skip
+    way_mm = [s.target_mm[axis] for s in steps if s.press == failed.press]
+    drag_mm = max(abs(place - way_mm[0]) for place in way_mm)
     place_mm = bound_mm - indenter.footprint_half_mm[axis] - drag_mm
     if place_mm < 0:
         return f"no place on this face for {indenter.name}; use a smaller one"
@@ -224,17 +221,18 @@ def _recovery(
     released: list[tuple[float, Press]] = []
     worst = 0.0, "-", 0.0
     for start_s, end_s, step in zip(ends_s, ends_s[1:], steps, strict=False):
-        press = presses.get(step.press)
-        if press is not None and step.kind == "approach":
+        if step.kind == "approach":
+            press = presses[step.press]
             for since_s, previous in reversed(released):
-                if creep_share(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
+                rest_s = start_s - since_s
+                if creep_share(rest_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
                     break
                 reach_mm = sum(radius_mm[p.indenter] for p in (press, previous))
                 if math.dist(press.at_mm, previous.at_mm) < reach_mm + sensor.skin.thickness_mm:
-                    worst = creep_share(start_s - since_s), step.press, start_s - since_s
+                    worst = creep_share(rest_s), press.name, rest_s
                     break
-        if press is not None and step.kind == "retract":
-            released.append((end_s, press))
+        elif step.kind == "retract":
+            released.append((end_s, presses[step.press]))
     share, name, rest_s = worst
     needed_s = max(tau_s * math.log(max(len(prony) * g / total / MAX_RECOVERY_SHARE, 1))
                    for g, tau_s in prony)  # fmt: skip
