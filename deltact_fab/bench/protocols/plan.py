@@ -225,19 +225,17 @@ class Protocol(Table):
         def select(values: Iterable[Any], choice: Sequence[Any] | None) -> list[Any]:
             return [v for v in values if choice is None or v in choice]
 
-        entries = [
-            entry.model_dump()
-            for entry in self.press
-            if select([entry.indenter], tips)
-            and select([(entry.x_mm, entry.y_mm)], places_mm)
-            and select([entry.depth_mm], stops_mm)
-        ]
-        data = self.model_dump(mode="json") | ({"press": entries} if entries else {
+        chosen = {
             "indenters": select(self.indenters, tips),
             "positions_mm": select(self.positions_mm, places_mm),
             "depths_mm": select(self.depths_mm, stops_mm),
-        })  # fmt: skip
-        return validate(Protocol, data, self.name)
+            "press": [
+                entry.model_dump() for entry in self.press
+                if select([entry.indenter], tips) and select([(entry.x_mm, entry.y_mm)], places_mm)
+                and select([entry.depth_mm], stops_mm)
+            ],
+        }  # fmt: skip
+        return validate(Protocol, self.model_dump(mode="json") | chosen, self.name)
 
 
 @dataclass(frozen=True)

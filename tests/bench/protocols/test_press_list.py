@@ -184,8 +184,9 @@ def test_narrowed_to_a_part() -> None:
     ]
     listed = declare([entry(), entry(0.5, "4dots", x_mm=1.0), entry(0.7, "4dots")])
     assert listed.narrowed(tips=["4dots"]).stops_mm == (0.5, 0.7)
-    with pytest.raises(InputError):
-        declare().narrowed(tips=["star"])
+    for whole in (declare(), listed):
+        with pytest.raises(InputError):
+            whole.narrowed(tips=["star"])
 
 
 @pytest.mark.parametrize(
