@@ -257,10 +257,6 @@ class Run:
         """Centres (n, 2) mm of the pattern's dots at rest; n = 0 without dots."""
         return np.asarray(self.pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
 
-    def dot_diameter_mm(self) -> float:
-        """Diameter of the pattern's dots."""
-        return float(self.pattern["dot_diameter_mm"])
-
     def image(self, file: str) -> NDArray[np.uint8]:
         """Frame (h, w, 3) BGR as it is tracked: rectified if a lens is calibrated.
 
