@@ -36,7 +36,7 @@ class Press:
     @property
     def legs(self) -> dict[float, tuple[tuple[str, Point2], ...]]:
         """Drags by depth: names, and ends relative to the press in mm."""
-        return {d: tuple(drag_legs(self.shear, self.at_mm, d)) for d in self.depths_mm}
+        return {d: tuple(self._drags(d)) for d in self.depths_mm}
 
     def reach_mm(self, depth_mm: float) -> Point2:
         """Largest drag along x and y at a depth."""
@@ -50,6 +50,30 @@ class Press:
         return {"name": self.name, "role": self.role, "indenter": self.indenter, "x_mm": x,
                 "y_mm": y, "depths_mm": list(self.depths_mm),
                 **dict(zip(("shear_x_mm", "shear_y_mm"), drag, strict=False))}  # fmt: skip
+
+    def _drags(self, depth_mm: float) -> Iterator[tuple[str, Point2]]:
+        """Yield names of the drags at a depth, and their ends relative to the press in mm.
+
+        Returns to the centre are no stops.
+        """
+        shear = self.shear
+        if not isinstance(shear, Shear):
+            if shear is not None:
+                yield f"shear-x{shear[0]:+.2f}y{shear[1]:+.2f}", shear
+            return
+        n, amplitude_mm = shear.points_per_side, shear.at_depth_mm(depth_mm)
+        outward = shear.first == "outward"
+        signs = [-1 if outward and coordinate < 0 else 1 for coordinate in self.at_mm]
+
+        def name(axis: int, k: int) -> str:
+            side = amplitude_mm * k / n
+            text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
+            return f"{'xy'[axis]}{text}"
+
+        for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
+            k = (signs[0] * i, signs[1] * j)
+            leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
+            yield leg, (amplitude_mm * k[0] / n, amplitude_mm * k[1] / n)
 
 
 def repeat_presses(presses: Sequence[tuple[Press, int]]) -> list[Press]:
@@ -88,33 +112,6 @@ def add_references(
             yield Press(name, counts[tip], tip, reference.at_mm, depths_mm, None, "reference")
         if press is not None:
             yield press
-
-
-def drag_legs(
-    shear: Shear | Point2 | None, at_mm: Point2, depth_mm: float
-) -> Iterator[tuple[str, Point2]]:
-    """Yield names of the drags of a press at a depth, and their ends relative to the press in mm.
-
-    Returns to the centre are no stops.
-    """
-    if shear is None:
-        return
-    if not isinstance(shear, Shear):
-        yield f"shear-x{shear[0]:+.2f}y{shear[1]:+.2f}", shear
-        return
-    n, amplitude_mm = shear.points_per_side, shear.at_depth_mm(depth_mm)
-    outward = shear.first == "outward"
-    signs = [-1 if outward and coordinate < 0 else 1 for coordinate in at_mm]
-
-    def name(axis: int, k: int) -> str:
-        side = amplitude_mm * k / n
-        text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
-        return f"{'xy'[axis]}{text}"
-
-    for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
-        k = (signs[0] * i, signs[1] * j)
-        leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
-        yield leg, (amplitude_mm * k[0] / n, amplitude_mm * k[1] / n)
 
 
 def _cross_path(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:

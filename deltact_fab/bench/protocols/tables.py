@@ -71,12 +71,6 @@ class Shear(Table):
             raise ValueError(f"axes: a grid needs both x and y, not {list(self.axes)}")
         return self
 
-    @property
-    def legs(self) -> int:
-        """Drags at each depth."""
-        side = 2 * self.points_per_side + 1
-        return side * side if self.grid else side * len(self.axes)
-
     def at_depth_mm(self, depth_mm: float) -> float:
         """Amplitude for a press of this depth."""
         return self.amplitude_mm or (self.amplitude_of_depth or 0.0) * depth_mm
