@@ -56,8 +56,9 @@ class Drift:
         (time_s,) = self._planned_s(np.array([self._scene.clock.now_ns()]))
         return max(1.0 + self._config.light_per_h * float(time_s) / 3600, 0.0)
 
-    def apply(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
-        """Return the true wrenches (n, 6) at times (n,) as the force sensor measures them."""
+    def wrenches(self, t_ns: NDArray[np.int64]) -> Field:
+        """Wrenches (n, 6) of the scene at times (n,) as the force sensor measures them."""
+        true = self._scene.wrenches(t_ns)
         time_s, (press, _) = self._planned_s(t_ns), self._scene.begun
         gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / 3600, 0.0)
         dent_mm, since_s = self._dents.get(press, (0.0, 0.0))
@@ -65,7 +66,7 @@ class Drift:
             left_mm = dent_mm * np.exp((since_s - time_s) / self._config.recovery_s)
             depth_mm = np.array([self._scene.depth_mm(t) for t in t_ns.tolist()])
             gain *= np.clip(1.0 - left_mm / np.maximum(depth_mm, MIN_TIP_DEPTH_MM), 0.0, 1.0)
-        return np.asarray(gain[:, None] * wrenches)
+        return np.asarray(gain[:, None] * true)
 
     def _planned_s(self, t_ns: NDArray[np.int64]) -> Field:
         """Planned times (n,) since the start of the run."""
