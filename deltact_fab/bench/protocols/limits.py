@@ -62,7 +62,7 @@ class RunEstimate:
         another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
-        seconds = planned_ends_s(steps, stage, pace, change_s)[-1]
+        seconds = cls.planned_ends_s(steps, stage, pace, change_s)[-1]
         frames = sum(s.frames for s in steps)
         filmed = "image" in protocol.channels
         px = image_px if filmed else 0
@@ -77,24 +77,27 @@ class RunEstimate:
             disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
         )
 
-
-def planned_ends_s(
-    steps: Sequence[Step], stage: StageConfig, pace: RigPace = LOCKSTEP_PACE, change_s: float = 0.0
-) -> list[float]:
-    """End times (n + 1,) of homing and of each step, from the start of the run, as planned."""
-    position = stage.frame.to_sensor_mm(stage.homed_mm)
-    homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
-    seconds = pace.connect_s + homing
-    ends_s = [seconds]
-    for step in steps:
-        delta_mm, limits = subtract_vectors(step.target_mm, position), stage.max_feed_mm_min
-        seconds += move_duration_s(delta_mm, step.feed_mm_min, limits, stage.acceleration_mm_s2)
-        seconds += change_s if step.kind == "change" else 0.0
-        frames_s = step.settle_s + pace.frames_s if step.frames else 0.0
-        seconds += pace.move_s + step.hold_s + frames_s
-        position = step.target_mm
-        ends_s.append(seconds)
-    return ends_s
+    @staticmethod
+    def planned_ends_s(
+        steps: Sequence[Step],
+        stage: StageConfig,
+        pace: RigPace = LOCKSTEP_PACE,
+        change_s: float = 0.0,
+    ) -> list[float]:
+        """End times (n + 1,) of homing and of each step, from the start of the run, as planned."""
+        position = stage.frame.to_sensor_mm(stage.homed_mm)
+        homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
+        seconds = pace.connect_s + homing
+        ends_s = [seconds]
+        for step in steps:
+            delta_mm, limits = subtract_vectors(step.target_mm, position), stage.max_feed_mm_min
+            seconds += move_duration_s(delta_mm, step.feed_mm_min, limits, stage.acceleration_mm_s2)
+            seconds += change_s if step.kind == "change" else 0.0
+            frames_s = step.settle_s + pace.frames_s if step.frames else 0.0
+            seconds += pace.move_s + step.hold_s + frames_s
+            position = step.target_mm
+            ends_s.append(seconds)
+        return ends_s
 
 
 def check_limits(
@@ -210,7 +213,7 @@ def _recovery(
     Near: the contacts are less than a gel's thickness apart. What is left decays with the
     specimen's series, as after a long press.
     """
-    prony, ends_s = protocol.specimen.prony, planned_ends_s(steps, stage)
+    prony, ends_s = protocol.specimen.prony, RunEstimate.planned_ends_s(steps, stage)
     total = 1 + math.fsum(g for g, _ in prony)
 
     def creep_share(rest_s: float) -> float:

@@ -111,9 +111,8 @@ class Run:
             if self.imported:
                 return (db.execute("SELECT count(DISTINCT press) FROM frames").fetchone()[0],) * 2
             done_ids = {id for (id,) in db.execute("SELECT step_id FROM steps")}
-        stated = self.meta["protocol"]
-        protocol = validate(Protocol, stated, f"{self.folder / 'run.json'}: protocol")
-        steps = expand_protocol(protocol)
+        source = f"{self.folder / 'run.json'}: protocol"
+        steps = expand_protocol(validate(Protocol, self.meta["protocol"], source))
         last = {step.press: step.id for step in steps if step.kind != "change"}
         return sum(id in done_ids for id in last.values()), len(last)
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import RigSetup, Step, VirtualConfig, expand_protocol
+from deltact_fab.bench import RigSetup, RunEstimate, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field
 from deltact_fab.sensor import parse_indenter
 
@@ -33,7 +33,8 @@ class Drift:
         self._config, self._scene = config.virtual.drift, scene
         plan: dict[str, list[tuple[Step, float]]] = {}  # steps and their ends, by press
         steps = expand_protocol(job.protocol, job.air)
-        for step, end_s in zip(steps, config.planned_ends_s(steps)[1:], strict=True):
+        ends_s = RunEstimate.planned_ends_s(steps, config.stage)
+        for step, end_s in zip(steps, ends_s[1:], strict=True):
             if step.kind != "change":
                 plan.setdefault(step.press, []).append((step, end_s))
         self._begin_s = {press: moves[0][1] for press, moves in plan.items()}
