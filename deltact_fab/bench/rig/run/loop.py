@@ -16,7 +16,7 @@ from types import FrameType
 
 from deltact_fab.common import DeltactFabError, SensorError, Stopped
 
-from ..interface import Clock, ForceSensor, Guard, Stage
+from ..interface import ForceSensor, Guard, Stage
 from .streams import ForceStream
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -151,9 +151,7 @@ class Watch:
 
 
 @contextmanager
-def watch_force(
-    stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
-) -> Iterator[Watch]:
+def watch_force(stage: Stage, force: ForceSensor | None, guard: Guard | None) -> Iterator[Watch]:
     """Pass every sample to the guard until the block ends, as in a run, without recording.
 
     A thread uses the sensor meanwhile, and stops it at the end. Without a sensor or a guard the
