@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import struct
 import time
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ class CommandFeed(ChildProgram):
     """Implements Feed: a program that is read image by image."""
 
     check = "the command and its camera"
+    _unfilled: memoryview
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class CommandFeed(ChildProgram):
             left_s = until_s - time.monotonic()
             if left_s <= 0:
                 return None
-            self._read_output(left_s)
+            self._unfilled = self._unfilled[self.receive(self._unfilled, left_s) :]
         t_s, number = self._clock.now_s(), None
         if self._header_bytes:
             t_ns, number, _ = STAMP_HEADER.unpack_from(self._bytes.data)
@@ -69,15 +69,6 @@ class CommandFeed(ChildProgram):
         """Allocate the buffer of the next image; it is never reused."""
         self._bytes = np.empty(self._header_bytes + int(np.prod(self._shape)), np.uint8)
         self._unfilled = self._bytes.data
-
-    def _read_output(self, timeout_s: float) -> None:
-        """Read available output. Raises SensorError at its end."""
-        if not self._has_output(timeout_s):
-            return
-        n = os.readv(self._out.fileno(), [self._unfilled])
-        if n == 0:
-            raise self._end_error()
-        self._unfilled = self._unfilled[n:]
 
 
 def _enlarge_pipe(fd: int) -> None:
