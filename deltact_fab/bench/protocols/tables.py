@@ -311,8 +311,8 @@ def read_presses(file: Path) -> list[dict[str, Any]]:
 
 
 def _cell_value(key: str, cell: str, source: str) -> str | float | int:
-    if key in ("indenter", "role"):
-        return cell
+    if key in ("indenter", "role") or key not in PressEntry.model_fields:
+        return cell  # an unknown key is refused with the row
     try:
         return int(cell) if key == "repeats" else float(cell)
     except ValueError as error:
