@@ -43,7 +43,8 @@ class CommandFeed(ChildProgram):
         self._shape = (size_px[1], size_px[0], 3)
         self._header_bytes = STAMP_HEADER.size if stamped else 0
         super().__init__(f"camera {self.name}", "camera.command", command, folder)
-        _enlarge_pipe(self._out.fileno())
+        with suppress(OSError, AttributeError):  # Linux alone can enlarge it
+            fcntl.fcntl(self._out.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._new_buffer()
 
     def next(self, timeout_s: float) -> FeedImage | None:
@@ -69,9 +70,3 @@ class CommandFeed(ChildProgram):
         """Allocate the buffer of the next image; it is never reused."""
         self._bytes = np.empty(self._header_bytes + int(np.prod(self._shape)), np.uint8)
         self._unfilled = self._bytes.data
-
-
-def _enlarge_pipe(fd: int) -> None:
-    """Enlarge the pipe if possible."""
-    with suppress(OSError, AttributeError):  # Linux alone can
-        fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

@@ -61,8 +61,7 @@ def interruptible(
 
     heeded = [n for n in STOP_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
     previous = {n: signal.signal(n, interrupt) for n in heeded}
-    for number in PAUSE_SIGNALS:
-        previous[number] = signal.signal(number, lambda n, frame: pause())
+    previous |= {n: signal.signal(n, lambda *_: pause()) for n in PAUSE_SIGNALS}
     try:
         yield
     finally:
