@@ -176,14 +176,14 @@ class Protocol(Table):
     def _mountings(self) -> Iterator[list[Press]]:
         """The presses of each mounting of an indenter, in the order of the file."""
         if self.press:
-            listed = []
+            entries = []
             for n, entry in enumerate(self.press, start=1):
                 tip, drag = entry.indenter, (entry.shear_x_mm, entry.shear_y_mm)
                 name, place = f"{parse_indenter(tip).slug}/p{n}", (entry.x_mm, entry.y_mm)
                 shear = drag if any(drag) else None
                 press = Press(name, n, tip, place, (entry.depth_mm,), shear, entry.role)
-                listed.append((press, entry.repeats or self.repeats))
-            for _, group in itertools.groupby(listed, key=lambda item: item[0].indenter):
+                entries.append((press, entry.repeats or self.repeats))
+            for _, group in itertools.groupby(entries, key=lambda item: item[0].indenter):
                 yield repeat_presses(list(group))
             return
         for k, tip in enumerate(self.indenters):
