@@ -64,8 +64,7 @@ def run_experiment(
     resuming = out.exists() and resume
     if resuming:
         recorded = open_run(out)
-        versions = not recorded.finished
-        require_same_conditions(recorded, meta, text, pattern, versions, truth)
+        require_same_conditions(recorded, meta, text, pattern, truth)
         if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
