@@ -369,9 +369,7 @@ class HandStage:
         self, guard: Watchdog | None, operator: TerminalOperator | None, tip_is_clear: bool = False
     ) -> str:
         stage = self._stage
-        return home_safely(
-            stage, stage.clock, guard, operator, tip_is_clear=tip_is_clear, guard=guard
-        )
+        return home_safely(stage, stage.clock, guard, guard, operator, tip_is_clear)
 
     def _require_count(self) -> None:
         if not self._stage.trust_count():
