@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from short_run import RIG, ShortRun
 
-from deltact_fab.bench.protocols.limits import planned_ends_s
+from deltact_fab.bench.protocols.limits import RunEstimate
 from deltact_fab.bench.record.check import check_run
 from deltact_fab.bench.record.files import LENS_FILE, SENSOR_FILE
 from deltact_fab.bench.record.run import open_run
@@ -258,7 +258,7 @@ def test_drift_follows_the_planned_time(tmp_path: Path) -> None:
     still = open_run(sensors.run(tmp_path / "still")).force()[names]
     ends_s = dict(zip(
         ["homed", *(step.id for step in sensors.steps)],
-        planned_ends_s(sensors.steps, rig_of(sensors).stage), strict=True,
+        RunEstimate.planned_ends_s(sensors.steps, rig_of(sensors).stage), strict=True,
     ))  # fmt: skip
     length_s, presses = max(ends_s.values()), list(dict.fromkeys(still["press"]))
     time_s = still["press"].map(lambda press: ends_s[f"{press}/rest"]) + still["t_press_s"]

@@ -62,7 +62,7 @@ class RunEstimate:
         another indenter.
         """
         steps = expand_protocol(protocol) if steps is None else steps
-        seconds = planned_ends_s(steps, stage, pace, change_s)[-1]
+        seconds = cls.planned_ends_s(steps, stage, pace, change_s)[-1]
         frames = sum(s.frames for s in steps)
         filmed = "image" in protocol.channels
         px = image_px if filmed else 0
@@ -77,24 +77,27 @@ class RunEstimate:
             disk_mb=(frames * (px * PNG_BYTES_PER_PX + 2000) + stream_bytes) / 1e6,
         )
 
-
-def planned_ends_s(
-    steps: Sequence[Step], stage: StageConfig, pace: RigPace = LOCKSTEP_PACE, change_s: float = 0.0
-) -> list[float]:
-    """End times (n + 1,) of homing and of each step, from the start of the run, as planned."""
-    position = stage.frame.to_sensor_mm(stage.homed_mm)
-    homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
-    seconds = pace.connect_s + homing
-    ends_s = [seconds]
-    for step in steps:
-        delta_mm, limits = subtract_vectors(step.target_mm, position), stage.max_feed_mm_min
-        seconds += move_duration_s(delta_mm, step.feed_mm_min, limits, stage.acceleration_mm_s2)
-        seconds += change_s if step.kind == "change" else 0.0
-        frames_s = step.settle_s + pace.frames_s if step.frames else 0.0
-        seconds += pace.move_s + step.hold_s + frames_s
-        position = step.target_mm
-        ends_s.append(seconds)
-    return ends_s
+    @staticmethod
+    def planned_ends_s(
+        steps: Sequence[Step],
+        stage: StageConfig,
+        pace: RigPace = LOCKSTEP_PACE,
+        change_s: float = 0.0,
+    ) -> list[float]:
+        """End times (n + 1,) of homing and of each step, from the start of the run, as planned."""
+        position = stage.frame.to_sensor_mm(stage.homed_mm)
+        homing = stage.homing_s if stage.homing_s is not None else homing_s(stage.travel_mm)
+        seconds = pace.connect_s + homing
+        ends_s = [seconds]
+        for step in steps:
+            delta_mm, limits = subtract_vectors(step.target_mm, position), stage.max_feed_mm_min
+            seconds += move_duration_s(delta_mm, step.feed_mm_min, limits, stage.acceleration_mm_s2)
+            seconds += change_s if step.kind == "change" else 0.0
+            frames_s = step.settle_s + pace.frames_s if step.frames else 0.0
+            seconds += pace.move_s + step.hold_s + frames_s
+            position = step.target_mm
+            ends_s.append(seconds)
+        return ends_s
 
 
 def check_limits(
@@ -180,12 +183,9 @@ def _opening(steps: list[Step], sensor: SensorDimensions) -> Iterable[Check]:
 def _passing_places(steps: list[Step], axis: int, step_id: str, bound_mm: float) -> str:
     """Positions on which the indenter of a failed step passes, drags included."""
     failed = next(step for step in steps if step.id == step_id)
-    centre = next(s.target_mm[axis] for s in steps if s.press == failed.press)
     indenter = parse_indenter(failed.indenter)
-    drag_mm = max(
-        abs(s.target_mm[axis] - centre) for s in steps
-        if s.press == failed.press and s.kind in ("press", "shear")
-    )  # fmt: skip
+    way_mm = [s.target_mm[axis] for s in steps if s.press == failed.press]
+    drag_mm = max(abs(place - way_mm[0]) for place in way_mm)
     place_mm = bound_mm - indenter.footprint_half_mm[axis] - drag_mm
     if place_mm < 0:
         return f"no place on this face for {indenter.name}; use a smaller one"
@@ -213,7 +213,7 @@ def _recovery(
     Near: the contacts are less than a gel's thickness apart. What is left decays with the
     specimen's series, as after a long press.
     """
-    prony, ends_s = protocol.specimen.prony, planned_ends_s(steps, stage)
+    prony, ends_s = protocol.specimen.prony, RunEstimate.planned_ends_s(steps, stage)
     total = 1 + math.fsum(g for g, _ in prony)
 
     def creep_share(rest_s: float) -> float:
@@ -224,17 +224,18 @@ def _recovery(
     released: list[tuple[float, Press]] = []
     worst = 0.0, "-", 0.0
     for start_s, end_s, step in zip(ends_s, ends_s[1:], steps, strict=False):
-        press = presses.get(step.press)
-        if press is not None and step.kind == "approach":
+        if step.kind == "approach":
+            press = presses[step.press]
             for since_s, previous in reversed(released):
-                if creep_share(start_s - since_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
+                rest_s = start_s - since_s
+                if creep_share(rest_s) <= max(MAX_RECOVERY_SHARE, worst[0]):
                     break
                 reach_mm = sum(radius_mm[p.indenter] for p in (press, previous))
                 if math.dist(press.at_mm, previous.at_mm) < reach_mm + sensor.skin.thickness_mm:
-                    worst = creep_share(start_s - since_s), step.press, start_s - since_s
+                    worst = creep_share(rest_s), press.name, rest_s
                     break
-        if press is not None and step.kind == "retract":
-            released.append((end_s, press))
+        elif step.kind == "retract":
+            released.append((end_s, presses[step.press]))
     share, name, rest_s = worst
     needed_s = max(tau_s * math.log(max(len(prony) * g / total / MAX_RECOVERY_SHARE, 1))
                    for g, tau_s in prony)  # fmt: skip

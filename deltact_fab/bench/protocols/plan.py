@@ -27,7 +27,7 @@ from deltact_fab.common import InputError, Point, Point2, Table, find_file, read
 from deltact_fab.sensor import parse_indenter
 
 from .motion import PosMm
-from .presses import Press, add_references, listed_press, repeat_presses, shuffle_presses
+from .presses import Press, add_references, repeat_presses, shuffle_presses
 from .tables import (
     Capture,
     DeadWeights,
@@ -49,10 +49,7 @@ MAX_PROTOCOL_STEPS = 200_000
 """By hand: the paper's force calibration has 2435; more make planning slow."""
 
 
-_NEW_KEYS: dict[str, Any] = {
-    "presses": None, "press": [], "order": "file", "order_seed": 0, "repeats": 1, "reference": None,
-}  # fmt: skip
-"""Keys newer than 0.3.0, and their defaults."""
+_NEW_KEYS = ("presses", "press", "order", "order_seed", "repeats", "reference")  # than 0.3.0's
 
 
 class Protocol(Table):
@@ -125,8 +122,8 @@ class Protocol(Table):
             )
         if list(self.depths_mm) != sorted(set(self.depths_mm)):
             raise ValueError("depths_mm: must be strictly increasing, as the gel has memory")
-        extra = capture.hold is not None
-        stops = ((1 + extra + len(legs)) for p in presses for legs in p.legs.values())
+        holds = capture.hold is not None
+        stops = (1 + holds + len(legs) for press in presses for legs in press.legs.values())
         if (count := 4 * len(presses) + sum(stops)) > MAX_PROTOCOL_STEPS:
             raise ValueError(f"{count} steps; at most {MAX_PROTOCOL_STEPS}: split the protocol")
         return self
@@ -136,8 +133,7 @@ class Protocol(Table):
         if self.presses is not None:
             raise ValueError("presses: a file is read only with the protocol's own file")
         if self.press:
-            unused = ("indenters", "positions_mm", "grid", "depths_mm", "weights", "shear")
-            for key in unused:
+            for key in ("indenters", "positions_mm", "grid", "depths_mm", "weights", "shear"):
                 if getattr(self, key):
                     raise ValueError(f"{key}: not with [[press]], whose entries give it")
             return
@@ -153,11 +149,9 @@ class Protocol(Table):
     @model_serializer(mode="wrap")
     def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Omit keys newer than 0.3.0 at their defaults: its records and caches stay valid."""
-        data: dict[str, Any] = handler(self)
-        return {
-            key: value for key, value in data.items()
-            if key not in _NEW_KEYS or value not in (_NEW_KEYS[key], ())
-        }  # fmt: skip
+        fields = type(self).model_fields
+        unused = {key for key in _NEW_KEYS if getattr(self, key) == fields[key].default}
+        return {key: value for key, value in handler(self).items() if key not in unused}
 
     @field_serializer("channels", when_used="json")
     def _sort_channels(self, channels: frozenset[str]) -> list[str]:
@@ -182,18 +176,20 @@ class Protocol(Table):
     def _mountings(self) -> Iterator[list[Press]]:
         """The presses of each mounting of an indenter, in the order of the file."""
         if self.press:
-            numbered = enumerate(self.press, start=1)
-            for _, group in itertools.groupby(numbered, key=lambda item: item[1].indenter):
-                yield repeat_presses([
-                    (listed_press(number, entry), entry.repeats or self.repeats)
-                    for number, entry in group
-                ])  # fmt: skip
+            entries = []
+            for n, entry in enumerate(self.press, start=1):
+                tip, drag = entry.indenter, (entry.shear_x_mm, entry.shear_y_mm)
+                name, place = f"{parse_indenter(tip).slug}/p{n}", (entry.x_mm, entry.y_mm)
+                shear = drag if any(drag) else None
+                press = Press(name, n, tip, place, (entry.depth_mm,), shear, entry.role)
+                entries.append((press, entry.repeats or self.repeats))
+            for _, group in itertools.groupby(entries, key=lambda item: item[0].indenter):
+                yield repeat_presses(list(group))
             return
         for k, tip in enumerate(self.indenters):
             slug = parse_indenter(tip).slug
             presses = repeat_presses([
-                (Press(f"{slug}/p{n}", n, tip, place, self.depths_mm, self.shear, "fit", 0),
-                 self.repeats)
+                (Press(f"{slug}/p{n}", n, tip, place, self.depths_mm, self.shear), self.repeats)
                 for n, place in enumerate(self.positions_mm, start=1)
             ])  # fmt: skip
             turns, turn = self.indenters.count(tip), self.indenters[:k].count(tip)
@@ -229,19 +225,17 @@ class Protocol(Table):
         def select(values: Iterable[Any], choice: Sequence[Any] | None) -> list[Any]:
             return [v for v in values if choice is None or v in choice]
 
-        entries = [
-            entry.model_dump()
-            for entry in self.press
-            if select([entry.indenter], tips)
-            and select([(entry.x_mm, entry.y_mm)], places_mm)
-            and select([entry.depth_mm], stops_mm)
-        ]
-        data = self.model_dump(mode="json") | ({"press": entries} if entries else {
+        chosen = {
             "indenters": select(self.indenters, tips),
             "positions_mm": select(self.positions_mm, places_mm),
             "depths_mm": select(self.depths_mm, stops_mm),
-        })  # fmt: skip
-        return validate(Protocol, data, self.name)
+            "press": [
+                entry.model_dump() for entry in self.press
+                if select([entry.indenter], tips) and select([(entry.x_mm, entry.y_mm)], places_mm)
+                and select([entry.depth_mm], stops_mm)
+            ],
+        }  # fmt: skip
+        return validate(Protocol, self.model_dump(mode="json") | chosen, self.name)
 
 
 @dataclass(frozen=True)
@@ -314,11 +308,10 @@ def _steps(protocol: Protocol) -> Iterator[Step]:
     motion, mountings = protocol.motion, Counter[str]()
     for _, group in itertools.groupby(protocol.list_presses(), key=lambda press: press.mounting):
         presses = list(group)
-        indenter = parse_indenter(presses[0].indenter)
+        indenter, park_mm = parse_indenter(presses[0].indenter), (0.0, 0.0, motion.park_mm)
         mountings[indenter.name] += 1
         times = mountings[indenter.name]
         id = f"{indenter.slug}/change{times if times > 1 else ''}"
-        park_mm = (0.0, 0.0, motion.park_mm)
         yield Step(id, id, indenter.name, "change", park_mm, motion.travel_feed_mm_min)
         for press in presses:
             yield from _press_steps(protocol, press)

@@ -11,7 +11,7 @@ from typing import Any
 from deltact_fab.common import Point2
 from deltact_fab.sensor import parse_indenter
 
-from .tables import PressEntry, PressRole, ReferencePress, Shear
+from .tables import PressRole, ReferencePress, Shear
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Press:
     at_mm: Point2
     depths_mm: tuple[float, ...]
     shear: Shear | Point2 | None
-    role: PressRole
-    mounting: int
+    role: PressRole = "fit"
+    mounting: int = 0
 
     @property
     def legs(self) -> dict[float, tuple[tuple[str, Point2], ...]]:
         """Drags by depth: names, and ends relative to the press in mm."""
-        return {d: tuple(drag_legs(self.shear, self.at_mm, d)) for d in self.depths_mm}
+        return {d: tuple(self._drags(d)) for d in self.depths_mm}
 
     def reach_mm(self, depth_mm: float) -> Point2:
         """Largest drag along x and y at a depth."""
@@ -46,22 +46,34 @@ class Press:
     def as_dict(self) -> dict[str, Any]:
         """Row of the record."""
         x, y = self.at_mm
-        drag = (
-            dict(zip(("shear_x_mm", "shear_y_mm"), self.shear, strict=True))
-            if isinstance(self.shear, tuple)
-            else {}
-        )
+        drag = self.shear if isinstance(self.shear, tuple) else ()
         return {"name": self.name, "role": self.role, "indenter": self.indenter, "x_mm": x,
-                "y_mm": y, "depths_mm": list(self.depths_mm), **drag}  # fmt: skip
+                "y_mm": y, "depths_mm": list(self.depths_mm),
+                **dict(zip(("shear_x_mm", "shear_y_mm"), drag, strict=False))}  # fmt: skip
 
+    def _drags(self, depth_mm: float) -> Iterator[tuple[str, Point2]]:
+        """Yield names of the drags at a depth, and their ends relative to the press in mm.
 
-def listed_press(number: int, entry: PressEntry) -> Press:
-    """Press of an entry of a list."""
-    slug, drag = parse_indenter(entry.indenter).slug, (entry.shear_x_mm, entry.shear_y_mm)
-    shear = drag if any(drag) else None
-    at_mm, depths_mm = (entry.x_mm, entry.y_mm), (entry.depth_mm,)
-    name = f"{slug}/p{number}"
-    return Press(name, number, entry.indenter, at_mm, depths_mm, shear, entry.role, 0)
+        Returns to the centre are no stops.
+        """
+        shear = self.shear
+        if not isinstance(shear, Shear):
+            if shear is not None:
+                yield f"shear-x{shear[0]:+.2f}y{shear[1]:+.2f}", shear
+            return
+        n, amplitude_mm = shear.points_per_side, shear.at_depth_mm(depth_mm)
+        outward = shear.first == "outward"
+        signs = [-1 if outward and coordinate < 0 else 1 for coordinate in self.at_mm]
+
+        def name(axis: int, k: int) -> str:
+            side = amplitude_mm * k / n
+            text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
+            return f"{'xy'[axis]}{text}"
+
+        for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
+            k = (signs[0] * i, signs[1] * j)
+            leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
+            yield leg, (amplitude_mm * k[0] / n, amplitude_mm * k[1] / n)
 
 
 def repeat_presses(presses: Sequence[tuple[Press, int]]) -> list[Press]:
@@ -92,47 +104,14 @@ def add_references(
     presses: Sequence[Press], reference: ReferencePress, counts: Counter[str]
 ) -> Iterator[Press]:
     """Presses of a mounting with its reference presses. counts: of the earlier ones by indenter."""
-    tip = presses[0].indenter
-    slug = parse_indenter(tip).slug
-
-    def create() -> Press:
-        counts[tip] += 1
-        k = counts[tip]
-        depths_mm = (reference.depth_mm,)
-        return Press(f"{slug}/ref{k}", k, tip, reference.at_mm, depths_mm, None, "reference", 0)
-
-    for k, press in enumerate(presses):
-        if k % reference.every == 0:
-            yield create()
-        yield press
-    yield create()
-
-
-def drag_legs(
-    shear: Shear | Point2 | None, at_mm: Point2, depth_mm: float
-) -> Iterator[tuple[str, Point2]]:
-    """Yield names of the drags of a press at a depth, and their ends relative to the press in mm.
-
-    Returns to the centre are no stops.
-    """
-    if shear is None:
-        return
-    if not isinstance(shear, Shear):
-        yield f"shear-x{shear[0]:+.2f}y{shear[1]:+.2f}", shear
-        return
-    n, amplitude_mm = shear.points_per_side, shear.at_depth_mm(depth_mm)
-    outward = shear.first == "outward"
-    signs = [-1 if outward and coordinate < 0 else 1 for coordinate in at_mm]
-
-    def name(axis: int, k: int) -> str:
-        side = amplitude_mm * k / n
-        text = f"{side:+.2f}" if k and n > 1 else "0+-"[k]
-        return f"{'xy'[axis]}{text}"
-
-    for i, j, axes in _square_spiral(n) if shear.grid else _cross_path(n, shear.axes):
-        k = (signs[0] * i, signs[1] * j)
-        leg = "shear-" + "".join(name(axis, k[axis]) for axis in axes)
-        yield leg, (amplitude_mm * k[0] / n, amplitude_mm * k[1] / n)
+    tip, depths_mm = presses[0].indenter, (reference.depth_mm,)
+    for k, press in enumerate((*presses, None)):
+        if k % reference.every == 0 or press is None:
+            counts[tip] += 1
+            name = f"{parse_indenter(tip).slug}/ref{counts[tip]}"
+            yield Press(name, counts[tip], tip, reference.at_mm, depths_mm, None, "reference")
+        if press is not None:
+            yield press
 
 
 def _cross_path(n: int, letters: Sequence[str]) -> Iterator[tuple[int, int, Sequence[int]]]:

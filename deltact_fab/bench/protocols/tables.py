@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from deltact_fab.common import InputError, OneOrEach, Point2, Table, read_text, validate
 from deltact_fab.sensor import GEL_LEVELS, GelMaterial, find_level, parse_indenter
@@ -29,6 +29,17 @@ PressRole = Literal["fit", "validate", "reference"]
 PressCount = Annotated[int, Field(ge=1, le=10_000)]
 SettleTimes = OneOrEach[SettleTime, StopKind]
 """One value for all stops, or one per kind of stop."""
+
+
+def canonical_indenter(name: str) -> str:
+    """Return an indenter's canonical name. Raises ValueError for an unknown one."""
+    try:
+        return parse_indenter(name).name
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+IndenterName = Annotated[str, AfterValidator(canonical_indenter)]
 
 
 class Shear(Table):
@@ -59,12 +70,6 @@ class Shear(Table):
         if self.grid and set(self.axes) != {"x", "y"}:
             raise ValueError(f"axes: a grid needs both x and y, not {list(self.axes)}")
         return self
-
-    @property
-    def legs(self) -> int:
-        """Drags at each depth."""
-        side = 2 * self.points_per_side + 1
-        return side * side if self.grid else side * len(self.axes)
 
     def at_depth_mm(self, depth_mm: float) -> float:
         """Amplitude for a press of this depth."""
@@ -254,7 +259,7 @@ class DeadWeights(Table):
 class PressEntry(Table):
     """One press of a list, with repeats."""
 
-    indenter: str = Field(examples=["sphere:10"])
+    indenter: IndenterName = Field(examples=["sphere:10"])
     """Its indenter, as in indenters; entries in a row with the same one share a mounting."""
     x_mm: PosMm = 0.0
     """Position from the centre of the face, along x."""
@@ -272,11 +277,6 @@ class PressEntry(Table):
     """Use of its data: "fit" for calibrations, "validate" only to judge them, "reference" to show
     drift. A random order leaves those for reference in their places."""
 
-    @field_validator("indenter")
-    @classmethod
-    def _canonical(cls, value: str) -> str:
-        return canonical_indenter(value)
-
 
 class ReferencePress(Table):
     """The same press again and again, with the mounted indenter, to show drift.
@@ -289,14 +289,6 @@ class ReferencePress(Table):
     """Position (x, y) from the centre of the face."""
     depth_mm: PlanLength = Field(examples=[1.0])
     """Depth below the resting face."""
-
-
-def canonical_indenter(name: str) -> str:
-    """Return an indenter's canonical name. Raises ValueError for an unknown one."""
-    try:
-        return parse_indenter(name).name
-    except InputError as error:
-        raise ValueError(str(error)) from error
 
 
 def read_presses(file: Path) -> list[dict[str, Any]]:
@@ -319,8 +311,8 @@ def read_presses(file: Path) -> list[dict[str, Any]]:
 
 
 def _cell_value(key: str, cell: str, source: str) -> str | float | int:
-    if key in ("indenter", "role"):
-        return cell
+    if key in ("indenter", "role") or key not in PressEntry.model_fields:
+        return cell  # an unknown key is refused with the row
     try:
         return int(cell) if key == "repeats" else float(cell)
     except ValueError as error:

@@ -24,8 +24,7 @@ def require_same_conditions(
     meta: dict[str, Any],
     protocol: bytes,
     pattern: dict[str, Any],
-    with_versions: bool = True,
-    truth: dict[str, Any] | None = None,
+    truth: dict[str, Any] | None,
 ) -> None:
     """Refuse to resume a run whose conditions have changed.
 
@@ -45,7 +44,7 @@ def require_same_conditions(
     # User input first, derived values after.
     parts = ("protocol", "seed", "rig", "--sensor", "sensor", "pattern", *current, *stored)
     for part in dict.fromkeys(parts):
-        if part == "versions" and not with_versions:
+        if part == "versions" and run.finished:
             continue
         difference = _first_difference(stored.get(part), current.get(part), part)
         if difference is not None:

@@ -14,7 +14,7 @@ import re
 import time
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -41,7 +41,6 @@ LOCK_WAIT_S, _LOCK_POLL_S = 10.0, 0.02  # by hand: a writer takes milliseconds
 _SERIAL_FORM = re.compile(r"\w[\w.+-]*")  # serial numbers that make a file name
 _ACCEPTANCE_KEYS = frozenset({"schema", "kind", "sensor", "made", "rest", "accepted"})
 _EVENTS_HEAD = re.compile(r"^[ \t]*\[events\]", re.MULTILINE)
-_CALIBRATION_KINDS = ("lens", "depth", "force")
 _EventKey = Annotated[str, Field(pattern=r"^(run|accepted|lens|depth|force|health) .")]
 
 
@@ -190,7 +189,7 @@ def _row(ledger: SensorLedger, accepted: bool) -> dict[str, Any]:
     real = [part for part in parts if not part[2].simulated]
     latest = {kind: (id, e) for kind, id, e in sorted(real or parts, key=lambda part: part[2].date)}
     dates = {kind: event.date[:10] for kind, (_, event) in latest.items()}
-    calibrated = [f"{kind} {dates[kind]}" for kind in _CALIBRATION_KINDS if kind in dates]
+    calibrated = [f"{kind} {dates[kind]}" for kind in ("lens", "depth", "force") if kind in dates]
     return {
         "design": ledger.design,
         "gel_batch": ledger.gel_batch or None,
@@ -221,12 +220,10 @@ def _add(
     """
     head, ledger = _read_ledger(path)
     stored = {name: getattr(ledger, name) for name in origin}
-    if None in stored.values():
-        new = [f"{k} = {toml_literal(v)}\n" for k, v in origin.items() if stored[k] is None]
-        head = "".join(new) + head
+    new = [f"{k} = {toml_literal(v)}\n" for k, v in origin.items() if stored[k] is None]
     date = ledger.events[key].date if key in ledger.events else f"{when:%Y-%m-%dT%H:%M:%SZ}"
     event = validate(SensorEvent, {"date": date, **values}, str(path))
-    _write_ledger(path, head, {**ledger.events, key: event})
+    _write_ledger(path, "".join([*new, head]), {**ledger.events, key: event})
     if stored.get("design_digest") in (None, origin.get("design_digest")):
         return []
     was, current = (f"{d['design']!r} with digest {d['design_digest']}" for d in (stored, origin))
@@ -239,10 +236,9 @@ def _read_ledger(path: Path) -> tuple[str, SensorLedger]:
     data = read_toml(path) if path.exists() else {}
     if "events" in data:
         head = _EVENTS_HEAD.split(head, maxsplit=1)[0]
-        try:
+        above = None
+        with suppress(ValueError):
             above = {*tomllib.loads(head)}
-        except ValueError:
-            above = set()
         if above != {*data} - {"events"}:
             raise InputError(f"{path}: events: must be the last table, headed by [events]")
     data = {key: value for key, value in data.items() if key not in _ACCEPTANCE_KEYS}

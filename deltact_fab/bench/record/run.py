@@ -111,9 +111,8 @@ class Run:
             if self.imported:
                 return (db.execute("SELECT count(DISTINCT press) FROM frames").fetchone()[0],) * 2
             done_ids = {id for (id,) in db.execute("SELECT step_id FROM steps")}
-        stated = self.meta["protocol"]
-        protocol = validate(Protocol, stated, f"{self.folder / 'run.json'}: protocol")
-        steps = expand_protocol(protocol)
+        source = f"{self.folder / 'run.json'}: protocol"
+        steps = expand_protocol(validate(Protocol, self.meta["protocol"], source))
         last = {step.press: step.id for step in steps if step.kind != "change"}
         return sum(id in done_ids for id in last.values()), len(last)
 
@@ -256,10 +255,6 @@ class Run:
     def dots_mm(self) -> NDArray[np.float64]:
         """Centres (n, 2) mm of the pattern's dots at rest; n = 0 without dots."""
         return np.asarray(self.pattern.get("dots_mm", []), dtype=float).reshape(-1, 2)
-
-    def dot_diameter_mm(self) -> float:
-        """Diameter of the pattern's dots."""
-        return float(self.pattern["dot_diameter_mm"])
 
     def image(self, file: str) -> NDArray[np.uint8]:
         """Frame (h, w, 3) BGR as it is tracked: rectified if a lens is calibrated.

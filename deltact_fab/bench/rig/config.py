@@ -10,7 +10,6 @@ design, `[virtual.drift]` their change with time: no estimator may read these.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import fields
 from os.path import isfile
 from pathlib import Path
@@ -21,9 +20,7 @@ from pydantic import Field, create_model, model_validator
 from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
 from deltact_fab.sensor import Fisheye, ImageSensor, Printer
 
-from ..protocols.limits import planned_ends_s
 from ..protocols.motion import StageConfig, StageTilt
-from ..protocols.plan import Step
 from .tables import (
     CameraConfig,
     CameraFile,
@@ -229,10 +226,6 @@ class VirtualConfig(Table):
             elif name != "lens":  # records without these tables stay the same
                 del data["virtual"][name]
         return data
-
-    def planned_ends_s(self, steps: Sequence[Step]) -> list[float]:
-        """End times (n + 1,) of homing and of all steps (n) of a protocol, as planned."""
-        return planned_ends_s(steps, self.stage)
 
 
 class GrblConfig(Table):

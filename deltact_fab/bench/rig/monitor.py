@@ -28,7 +28,7 @@ from .tables import MonitorConfig
 MONITOR_READ_S = 0.1
 REOPEN_SOURCE_S = 2.0
 NOTE_AGAIN_S = 10.0  # by hand: a value at its limit would flood the journal
-MAX_PARTIAL_BYTES = 1024  # by hand: of a line
+OUTPUT_BYTES, MAX_PARTIAL_BYTES = 4096, 1024  # by hand: of one read, many lines; of a line
 
 
 class Monitor:
@@ -43,6 +43,7 @@ class Monitor:
         self._timed = self._in_trouble = False
         self._due_ns = self._kept_ns = self._noted_ns = self._reopen_ns = 0
         self._readings: deque[tuple[int, float]] = deque()
+        self._buffer = np.empty(OUTPUT_BYTES, np.uint8)
 
     def start(self, timed: bool, note: Callable[[str], None]) -> None:
         """Open the source. Raises InputError for a faulty table, SensorError if it is required.
@@ -148,7 +149,7 @@ class Monitor:
                 self._open()
             return
         if isinstance(device, ChildProgram):
-            data = device.receive(MONITOR_READ_S)
+            data = self._buffer[: device.receive(self._buffer.data, MONITOR_READ_S)].tobytes()
         else:
             data = device.read(max(1, device.in_waiting))
         *lines, partial = re.split(rb"[\r\n]+", self._partial + data)

@@ -15,7 +15,6 @@ from deltact_fab.common import InputError, SensorError
 # By hand: a long tail costs memory, a long wait delays `close`.
 STDERR_TAIL_BYTES = 4096  # kept for the error message
 TERMINATE_S = 2.0  # from SIGTERM to SIGKILL
-OUTPUT_BYTES = 4096  # by hand: of one read, many lines of a monitor
 
 
 class ChildProgram:
@@ -45,13 +44,22 @@ class ChildProgram:
         self._poll.register(self._out, select.POLLIN)
         self._poll.register(self._err, select.POLLIN)
 
-    def receive(self, timeout_s: float) -> bytes:
-        """Return output, b"" if none comes in time. Raises SensorError at its end."""
-        if not self._has_output(timeout_s):
-            return b""
-        if not (data := os.read(self._out.fileno(), OUTPUT_BYTES)):
+    def receive(self, buffer: memoryview, timeout_s: float) -> int:
+        """Read output into a buffer, and keep messages meanwhile; return the number of bytes.
+
+        0 if none come in time. Raises SensorError at its end.
+        """
+        ready = [fd for fd, _ in self._poll.poll(timeout_s * 1e3)]
+        if self._err.fileno() in ready:
+            text = self._err.read(STDERR_TAIL_BYTES)
+            if not text:
+                self._poll.unregister(self._err)
+            self._stderr_tail = (self._stderr_tail + (text or b""))[-STDERR_TAIL_BYTES:]
+        if self._out.fileno() not in ready:
+            return 0
+        if not (n := os.readv(self._out.fileno(), [buffer])):
             raise self._end_error()
-        return data
+        return n
 
     def close(self) -> None:
         """End the child and its children; idempotent."""
@@ -64,16 +72,6 @@ class ChildProgram:
         self._child.wait()
         self._out.close()
         self._err.close()
-
-    def _has_output(self, timeout_s: float) -> bool:
-        """Wait for output or its end; keep messages meanwhile."""
-        ready = [fd for fd, _ in self._poll.poll(timeout_s * 1e3)]
-        if self._err.fileno() in ready:
-            text = self._err.read(STDERR_TAIL_BYTES)
-            if not text:
-                self._poll.unregister(self._err)
-            self._stderr_tail = (self._stderr_tail + (text or b""))[-STDERR_TAIL_BYTES:]
-        return self._out.fileno() in ready
 
     def _end_error(self) -> SensorError:
         """Error for the end of the output."""

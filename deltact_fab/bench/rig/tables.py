@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from deltact_fab.common import InputError, Table
-from deltact_fab.sensor import parse_indenter
+from deltact_fab.common import Table
 
 from ..protocols.motion import Force, PosMm, StageTilt
+from ..protocols.tables import canonical_indenter
 
 Pixels = Annotated[int, Field(ge=8, le=20_000)]
 Control = Annotated[int, Field(ge=-1_000_000, le=1_000_000)]
@@ -363,10 +363,7 @@ class RegistrationFile(Table):
 
 def _named_tools(tools: dict[str, ToolConfig]) -> dict[str, ToolConfig]:
     """Replace keys by canonical indenter names. Raises ValueError for an unknown one."""
-    try:
-        return {parse_indenter(name).name: tool for name, tool in tools.items()}
-    except InputError as error:
-        raise ValueError(str(error)) from error
+    return {canonical_indenter(name): tool for name, tool in tools.items()}
 
 
 Tools = Annotated[dict[str, ToolConfig], AfterValidator(_named_tools)]

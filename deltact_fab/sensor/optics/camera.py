@@ -144,7 +144,8 @@ class Pinhole(ScaledView):
         index = N_SILICONE if medium == "gel" else 1.0
         face_mm = self.rest_mm(px)
         zeros, ones = np.zeros_like(face_mm[..., :1]), np.ones_like(face_mm[..., :1])
-        slope = (face_mm - self._foot_mm) / (self.eye_distance_mm * index)
+        foot_mm = self.rest_mm(np.asarray(self.centre_px))  # on the axis
+        slope = (face_mm - foot_mm) / (self.eye_distance_mm * index)
         return np.concatenate((face_mm, zeros), axis=-1), np.concatenate((slope, ones), axis=-1)
 
     def maps(self) -> None:
@@ -152,11 +153,6 @@ class Pinhole(ScaledView):
 
     def as_dict(self) -> dict[str, Any]:
         return {"model": "pinhole", **asdict(self)}
-
-    @property
-    def _foot_mm(self) -> Point2:
-        """Point of the face on the axis."""
-        return 0.0, 0.0
 
     def with_pose(self, at_mm: Point2, height_mm: float, gel_mm: float, roll_deg: float) -> Pinhole:
         """Return this camera moved in its plane and turned about its axis.
@@ -180,13 +176,13 @@ class MovedPinhole(Pinhole):
     roll_deg: float = 0.0
 
     def project_px(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
-        return self._roll(super().project_px(xyz_mm - (*self._foot_mm, 0.0), medium), 1)
+        return self._roll(super().project_px(xyz_mm - (self.x0_mm, self.y0_mm, 0.0), medium), 1)
 
     def rest_px(self, xy_mm: Array) -> Array:
-        return self._roll(super().rest_px(xy_mm - self._foot_mm), 1)
+        return self._roll(super().rest_px(xy_mm - (self.x0_mm, self.y0_mm)), 1)
 
     def rest_mm(self, px: Array) -> Array:
-        return super().rest_mm(self._roll(px, -1)) + self._foot_mm
+        return super().rest_mm(self._roll(px, -1)) + (self.x0_mm, self.y0_mm)
 
     def crossing_mm(self, xyz_mm: Array, medium: Medium = "gel") -> Array:
         """Intersections (..., 2) mm of the rays to points (..., 3) with the resting face."""
@@ -194,10 +190,6 @@ class MovedPinhole(Pinhole):
 
     def as_dict(self) -> dict[str, Any]:
         return {"model": "moved-pinhole", **asdict(self)}
-
-    @property
-    def _foot_mm(self) -> Point2:
-        return self.x0_mm, self.y0_mm
 
     def _roll(self, px: Array, sign: int) -> Array:
         """Image points (..., 2) rotated about the image's centre; sign: 1, or -1 for back."""

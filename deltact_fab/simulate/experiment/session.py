@@ -17,7 +17,6 @@ from deltact_fab.bench import (
     RunProgress,
     RunWriter,
     SensorLedger,
-    Step,
     VirtualConfig,
     carry_out_steps,
     check_run,
@@ -65,8 +64,7 @@ def run_experiment(
     resuming = out.exists() and resume
     if resuming:
         recorded = open_run(out)
-        versions = not recorded.finished
-        require_same_conditions(recorded, meta, text, pattern, versions, truth)
+        require_same_conditions(recorded, meta, text, pattern, truth)
         if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
@@ -156,14 +154,12 @@ def run_presses(
     """
     from ..virtual.rig import VirtualKind
 
-    steps: list[Step] = []
-    for step in expand_protocol(job.protocol):
-        if step.kind == "change" and steps and steps[-1].kind == "change":
-            steps.pop()  # nothing was pressed after it
-        if step.kind == "change" or step.press in presses:
-            steps.append(step)
-    if steps and steps[-1].kind == "change":
-        steps.pop()
+    plan = [s for s in expand_protocol(job.protocol) if s.kind == "change" or s.press in presses]
+    steps = [
+        step
+        for step, following in zip(plan, [*plan[1:], plan[0]], strict=True)
+        if not step.kind == following.kind == "change"  # nothing is pressed after it
+    ]
     kind = VirtualKind(rig.model_copy(update={"monitor": None}), source, sensor)
     meta = run_metadata(job, rig, source.stem)
     text = toml_text(meta["protocol"]).encode()
@@ -174,9 +170,8 @@ def run_presses(
         with closing(kind.build(job)) as bench:
             carry_out_steps(bench, steps, writer)
         writer.close({"presses": sorted(presses)})
-    except BaseException:
-        writer.abandon()
-        raise
+    finally:
+        writer.abandon()  # no more than `close` has done
     return bench
 
 

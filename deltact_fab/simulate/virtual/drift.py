@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.bench import RigSetup, Step, VirtualConfig, expand_protocol
+from deltact_fab.bench import RigSetup, RunEstimate, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field
 from deltact_fab.sensor import parse_indenter
 
@@ -33,7 +33,8 @@ class Drift:
         self._config, self._scene = config.virtual.drift, scene
         plan: dict[str, list[tuple[Step, float]]] = {}  # steps and their ends, by press
         steps = expand_protocol(job.protocol, job.air)
-        for step, end_s in zip(steps, config.planned_ends_s(steps)[1:], strict=True):
+        ends_s = RunEstimate.planned_ends_s(steps, config.stage)
+        for step, end_s in zip(steps, ends_s[1:], strict=True):
             if step.kind != "change":
                 plan.setdefault(step.press, []).append((step, end_s))
         self._begin_s = {press: moves[0][1] for press, moves in plan.items()}
@@ -56,8 +57,9 @@ class Drift:
         (time_s,) = self._planned_s(np.array([self._scene.clock.now_ns()]))
         return max(1.0 + self._config.light_per_h * float(time_s) / 3600, 0.0)
 
-    def apply(self, t_ns: NDArray[np.int64], wrenches: Field) -> Field:
-        """Return the true wrenches (n, 6) at times (n,) as the force sensor measures them."""
+    def wrenches(self, t_ns: NDArray[np.int64]) -> Field:
+        """Wrenches (n, 6) of the scene at times (n,) as the force sensor measures them."""
+        true = self._scene.wrenches(t_ns)
         time_s, (press, _) = self._planned_s(t_ns), self._scene.begun
         gain = np.maximum(1.0 + self._config.force_gain_per_h * time_s / 3600, 0.0)
         dent_mm, since_s = self._dents.get(press, (0.0, 0.0))
@@ -65,7 +67,7 @@ class Drift:
             left_mm = dent_mm * np.exp((since_s - time_s) / self._config.recovery_s)
             depth_mm = np.array([self._scene.depth_mm(t) for t in t_ns.tolist()])
             gain *= np.clip(1.0 - left_mm / np.maximum(depth_mm, MIN_TIP_DEPTH_MM), 0.0, 1.0)
-        return np.asarray(gain[:, None] * wrenches)
+        return np.asarray(gain[:, None] * true)
 
     def _planned_s(self, t_ns: NDArray[np.int64]) -> Field:
         """Planned times (n,) since the start of the run."""

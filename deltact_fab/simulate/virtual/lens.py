@@ -17,7 +17,7 @@ from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import Fisheye, Pinhole, Rectified, SensorDimensions, restore_camera
 
 from .picture import BAND_PX
-from .population import NOMINAL_SENSOR, SensorDraw
+from .population import SensorDraw
 
 ASSEMBLY_MM = {"air_gap_mm": 1.0, "acrylic_mm": 0.5, "gel_mm": 1.0}
 """Largest deviation of a sensor put together by hand; a larger one is another sensor's."""
@@ -51,10 +51,7 @@ def true_lens(config: VirtualConfig, sensor: SensorDimensions) -> Fisheye:
 
 
 def true_camera(
-    config: VirtualConfig,
-    sensor: SensorDimensions,
-    view: Pinhole | Rectified,
-    draw: SensorDraw = NOMINAL_SENSOR,
+    config: VirtualConfig, sensor: SensorDimensions, view: Pinhole | Rectified, draw: SensorDraw
 ) -> Fisheye | Pinhole | None:
     """Camera that a drawn sensor is rendered through; None: the view itself.
 
@@ -62,11 +59,8 @@ def true_camera(
     """
     camera = draw.camera(true_lens(config, sensor) if isinstance(view, Rectified) else view)
     if draw.number is not None:
-        source, remedy = (
-            f"virtual.population: sensor {draw.number}",
-            "lower the camera's deviations",
-        )
-        _require_drawn(camera, view, source, remedy)
+        source = f"virtual.population: sensor {draw.number}"
+        _require_drawn(camera, view, source, "lower the camera's deviations")
     return None if camera is view else camera
 
 

@@ -8,9 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from deltact_fab.bench import (
     GrblStage,
     NetFTSensor,
@@ -27,7 +24,7 @@ from .clock import VirtualClock
 from .controller import GrblController
 from .drift import Drift
 from .netft import LockstepLink, NetFTBox
-from .population import NOMINAL_SENSOR, SensorDraw
+from .population import SensorDraw
 from .presses import Presses, gel_not_built, gel_notes, simulation_refusals
 from .scene import GelScene, LatticeCrop
 from .wire import SerialLink
@@ -110,9 +107,7 @@ class VirtualForce(NetFTSensor):
 class VirtualRig(Rig):
     """Clock, controller behind its wire, gel, camera and force box of one run."""
 
-    def __init__(
-        self, config: VirtualConfig, job: RigSetup, draw: SensorDraw = NOMINAL_SENSOR
-    ) -> None:
+    def __init__(self, config: VirtualConfig, job: RigSetup, draw: SensorDraw) -> None:
         """draw: of the true sensor; that of the job is nominal."""
         self._job, self._config, self._draw = job, config, draw
         stage, simulator, clock = config.stage, config.virtual, VirtualClock()
@@ -130,7 +125,7 @@ class VirtualRig(Rig):
         )  # fmt: skip
         host = GrblStage.from_config(stage, clock, SerialLink(controller, clock, baud=stage.baud))
         host.whole_moves = True  # the gel is solved along the lines of the plan
-        self._drift = drift = Drift(config, job, self.scene) if simulator.drift else None
+        drift = Drift(config, job, self.scene) if simulator.drift else None
         with ExitStack() as resources:
             resources.callback(host.close)
             camera: VirtualCamera | None = None
@@ -146,18 +141,12 @@ class VirtualRig(Rig):
             force: VirtualForce | None = None
             if "force" in job.protocol.channels:
                 scene = self.scene if self._crop is None else None
-                box = NetFTBox(
-                    config.force, clock, job.seed, self._wrenches, simulator.force.noise_n
-                )
+                wrenches = (drift or self.scene).wrenches
+                box = NetFTBox(config.force, clock, job.seed, wrenches, simulator.force.noise_n)
                 force = VirtualForce(box, clock, scene)
                 resources.callback(force.close)
             super().__init__(clock, host, camera, force, self.scene.mount)
             self.exit_stack = resources.pop_all()
-
-    def _wrenches(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Wrenches (n, 6) at times (n,) as the force sensor measures them, without its noise."""
-        true = self.scene.wrenches(t_ns)
-        return true if self._drift is None else self._drift.apply(t_ns, true)
 
     def omissions(self) -> Iterator[Note]:
         """Notes on the parts that this scene does not need and did not build."""

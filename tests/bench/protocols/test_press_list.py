@@ -151,6 +151,9 @@ def test_presses_from_a_table(tmp_path: Path) -> None:
         table.write_text(header + rows)
         with pytest.raises(InputError, match=rf"x\.csv: {message}"):
             plan.load_protocol(str(tmp_path / "t.toml"))
+    table.write_text("indentor,depth_mm\nsphere:10,1\n")
+    with pytest.raises(InputError, match=r"row 2: indentor: unknown key; .*'indenter'"):
+        plan.load_protocol(str(tmp_path / "t.toml"))
     table.unlink()
     with pytest.raises(InputError, match=r"x\.csv"):
         plan.load_protocol(str(tmp_path / "t.toml"))
@@ -184,8 +187,9 @@ def test_narrowed_to_a_part() -> None:
     ]
     listed = declare([entry(), entry(0.5, "4dots", x_mm=1.0), entry(0.7, "4dots")])
     assert listed.narrowed(tips=["4dots"]).stops_mm == (0.5, 0.7)
-    with pytest.raises(InputError):
-        declare().narrowed(tips=["star"])
+    for whole in (declare(), listed):
+        with pytest.raises(InputError):
+            whole.narrowed(tips=["star"])
 
 
 @pytest.mark.parametrize(

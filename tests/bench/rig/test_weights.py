@@ -30,7 +30,7 @@ from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns.recipe import load_recipe
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
-from deltact_fab.simulate.virtual.rig import VirtualKind, VirtualRig
+from deltact_fab.simulate.virtual.rig import VirtualKind
 
 SEEN = CameraConfig(source=0, width_px=640, height_px=480)
 STATIC = {"settle_s": 0.01}
@@ -220,7 +220,7 @@ def test_weights_calibrate_normal_force_not_shear(weigh: Weigh, tmp_path: Path) 
     assert isinstance(bench, config.VirtualConfig)
     view = VirtualKind(bench, path).camera(by_stage, load_design("deltact"))
     job = RigSetup(by_stage, load_design("deltact"), load_recipe("dense"), view, 0, tmp_path / "v")
-    with closing(VirtualRig(bench, job)) as rig:
+    with closing(VirtualKind(bench, path).build(job)) as rig:
         devices = rig
         devices.stage.connect()
         devices.stage.home()

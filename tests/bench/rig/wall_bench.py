@@ -98,7 +98,7 @@ class WallBench:
         """As `rig home` does, on the operator's word."""
         d = self.devices
         d.stage.connect()
-        return home_safely(d.stage, d.clock, d.force, None, tip_is_clear=True, guard=d.guard)
+        return home_safely(d.stage, d.clock, d.force, d.guard, None, tip_is_clear=True)
 
 
 def sine_n(t_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import struct
 import time
 from collections.abc import Sequence
@@ -26,6 +25,7 @@ class CommandFeed(ChildProgram):
     """Implements Feed: a program that is read image by image."""
 
     check = "the command and its camera"
+    _unfilled: memoryview
 
     def __init__(
         self,
@@ -43,7 +43,8 @@ class CommandFeed(ChildProgram):
         self._shape = (size_px[1], size_px[0], 3)
         self._header_bytes = STAMP_HEADER.size if stamped else 0
         super().__init__(f"camera {self.name}", "camera.command", command, folder)
-        _enlarge_pipe(self._out.fileno())
+        with suppress(OSError, AttributeError):  # Linux alone can enlarge it
+            fcntl.fcntl(self._out.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         self._new_buffer()
 
     def next(self, timeout_s: float) -> FeedImage | None:
@@ -53,7 +54,7 @@ class CommandFeed(ChildProgram):
             left_s = until_s - time.monotonic()
             if left_s <= 0:
                 return None
-            self._read_output(left_s)
+            self._unfilled = self._unfilled[self.receive(self._unfilled, left_s) :]
         t_s, number = self._clock.now_s(), None
         if self._header_bytes:
             t_ns, number, _ = STAMP_HEADER.unpack_from(self._bytes.data)
@@ -69,18 +70,3 @@ class CommandFeed(ChildProgram):
         """Allocate the buffer of the next image; it is never reused."""
         self._bytes = np.empty(self._header_bytes + int(np.prod(self._shape)), np.uint8)
         self._unfilled = self._bytes.data
-
-    def _read_output(self, timeout_s: float) -> None:
-        """Read available output. Raises SensorError at its end."""
-        if not self._has_output(timeout_s):
-            return
-        n = os.readv(self._out.fileno(), [self._unfilled])
-        if n == 0:
-            raise self._end_error()
-        self._unfilled = self._unfilled[n:]
-
-
-def _enlarge_pipe(fd: int) -> None:
-    """Enlarge the pipe if possible."""
-    with suppress(OSError, AttributeError):  # Linux alone can
-        fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

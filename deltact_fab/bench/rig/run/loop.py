@@ -16,7 +16,7 @@ from types import FrameType
 
 from deltact_fab.common import DeltactFabError, SensorError, Stopped
 
-from ..interface import Clock, ForceSensor, Guard, Stage
+from ..interface import ForceSensor, Guard, Stage
 from .streams import ForceStream
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -61,8 +61,7 @@ def interruptible(
 
     heeded = [n for n in STOP_SIGNALS if signal.getsignal(n) is not signal.SIG_IGN]
     previous = {n: signal.signal(n, interrupt) for n in heeded}
-    for number in PAUSE_SIGNALS:
-        previous[number] = signal.signal(number, lambda n, frame: pause())
+    previous |= {n: signal.signal(n, lambda *_: pause()) for n in PAUSE_SIGNALS}
     try:
         yield
     finally:
@@ -151,9 +150,7 @@ class Watch:
 
 
 @contextmanager
-def watch_force(
-    stage: Stage, clock: Clock, force: ForceSensor | None, guard: Guard | None
-) -> Iterator[Watch]:
+def watch_force(stage: Stage, force: ForceSensor | None, guard: Guard | None) -> Iterator[Watch]:
     """Pass every sample to the guard until the block ends, as in a run, without recording.
 
     A thread uses the sensor meanwhile, and stops it at the end. Without a sensor or a guard the

@@ -137,7 +137,7 @@ class HandSession:
             self.tell("position lost: press h to home")
         while True:
             try:
-                with watch_force(self.stage, self.stage.clock, self.force, self.guard) as watch:
+                with watch_force(self.stage, self.force, self.guard) as watch:
                     key = self._move_by_keys(watch)
             except SensorError as error:
                 self._lift_after_trip(str(error))
@@ -362,16 +362,14 @@ class HandStage:
         """Guard a motion; whatever stops it ends a contact of the tip."""
         stage, clock = self._stage, self._stage.clock
         lifting = lift_after_error(stage, clock, guard, guard)
-        with interruptible(stage.abort), lifting, watch_force(stage, clock, guard, guard):
+        with interruptible(stage.abort), lifting, watch_force(stage, guard, guard):
             yield
 
     def _home(
         self, guard: Watchdog | None, operator: TerminalOperator | None, tip_is_clear: bool = False
     ) -> str:
         stage = self._stage
-        return home_safely(
-            stage, stage.clock, guard, operator, tip_is_clear=tip_is_clear, guard=guard
-        )
+        return home_safely(stage, stage.clock, guard, guard, operator, tip_is_clear)
 
     def _require_count(self) -> None:
         if not self._stage.trust_count():

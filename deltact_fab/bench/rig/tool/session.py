@@ -60,9 +60,7 @@ def home_stage(
         with interruptible(stage.abort):
             try:
                 stage.connect()
-                home_safely(
-                    stage, stage.clock, guard, operator, tip_is_clear=tip_is_clear, guard=guard
-                )
+                home_safely(stage, stage.clock, guard, guard, operator, tip_is_clear)
             except KeyboardInterrupt as error:
                 stage.stop()
                 raise Stopped("stopped by the operator") from error

@@ -122,14 +122,13 @@ def home_safely(
     stage: Stage,
     clock: Clock,
     force: ForceSensor | None,
+    guard: Guard | None,
     operator: TerminalOperator | None,
-    *,
     tip_is_clear: bool = False,
-    guard: Guard | None = None,
 ) -> str:
     """Clear the face, return how, and home guarded. Raises StageError, SensorError."""
     how = clear_the_face(stage, clock, force, operator, tip_is_clear=tip_is_clear)
-    with watch_force(stage, clock, force, guard):
+    with watch_force(stage, force, guard):
         stage.home()
     return how
 
