@@ -119,9 +119,9 @@ def run(request: StudyRequest) -> StudyResult:
 def load_scene(request: StudyRequest) -> PressScene:
     """Load the requested scene. Raises InputError, one line, for an unusable one."""
     scale = parse_scale(request.scale)
-    loaded = {name: load_protocol(name) for name in ALL_SETS}
     protocols = {}
-    for name, (protocol, source) in loaded.items():
+    for name in ALL_SETS:
+        protocol, source = load_protocol(name)
         if name == FORCE_SMALL:
             protocol = protocol.narrowed(tips=[FORCE_INDENTER])
         elif name in (*OBJECT_SETS, TWIST_PRESS):
