@@ -91,11 +91,11 @@ class Headline:
 
     @classmethod
     def from_interval(
-        cls, what: str, unit: str, interval: Interval, factor: float = 1.0, **fields: Any
+        cls, label: str, unit: str, interval: Interval, factor: float = 1.0, **fields: Any
     ) -> Self:
         """Figure with its interval. factor: to `unit`, from the interval's own."""
         low, high = (None if end is None else factor * end for end in (interval.low, interval.high))
-        return cls(what, factor * interval.value, unit, low, high, interval.over, **fields)
+        return cls(label, factor * interval.value, unit, low, high, interval.over, **fields)
 
     @property
     def state(self) -> GoalState | None:

@@ -35,7 +35,7 @@ def test_all_faults_and_moments_are_covered() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
-def test_first_press_is_kept_in_any_order(tmp_path: Path) -> None:
+def test_first_press_is_always_kept(tmp_path: Path) -> None:
     declared, path = plan.load_protocol("smoke")
     keys = {"indenters": ["sphere:10"], "repeats": 2, "order": "random"}
     drawn = plan.Protocol.model_validate(declared.model_dump(mode="json") | keys)
