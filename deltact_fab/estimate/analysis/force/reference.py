@@ -16,7 +16,7 @@ from .dataset import settled_wrenches
 
 
 def reference_change(runs: Sequence[Run]) -> Interval | None:
-    """Change of the normal force in % from a run's start to its end; None below two presses alike.
+    """Change of the normal force in % from a run's start to its end; None below two presses groups.
 
     Least-squares slope over the time of the stage's steps, which has no gap in a resumed run.
     Presses of one tip, place and depth share a mean; the slope is common.
@@ -33,9 +33,9 @@ def reference_change(runs: Sequence[Run]) -> Interval | None:
             force_n = float(normal_n[frames["kind"].isin(PRESS_KINDS)].mean())
             rows.append(((run.folder, *place, press_steps["z_mm"].min()), share, force_n))
     table = pd.DataFrame(rows, columns=["tip", "share", "force"])
-    alike = table.groupby("tip", sort=False)
-    table["force"] *= 100 / alike["force"].transform("mean")
-    table = table.assign(tip=alike.ngroup())[alike["tip"].transform("size") > 1]
+    groups = table.groupby("tip", sort=False)
+    table["force"] *= 100 / groups["force"].transform("mean")
+    table = table.assign(tip=groups.ngroup())[groups["tip"].transform("size") > 1]
     count = len(table)
     return Interval.jackknife(table, range(count), _common_slope, "press") if count else None
 
