@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from called import called
 from short_run import ShortRun
@@ -21,6 +22,9 @@ from deltact_fab.bench.record import ledger
 from deltact_fab.bench.record.ledger import SensorLedger
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.reading import read_toml
+from deltact_fab.estimate.measure.sensor_id import SensorModel
+from deltact_fab.present.live.acceptance import Acceptance
+from deltact_fab.sensor import Pinhole, SensorDimensions
 
 FILE = Path("sensors/A1.toml")
 
@@ -163,6 +167,14 @@ def test_a_second_run(
     assert len(read_toml(FILE)["events"]) == events
     assert '# mine\ngel_batch = "B7"' in FILE.read_text()
     assert listed()["presses"] == 4 * events
+
+
+def test_acceptance_reports_another_design(lab: ShortRun) -> None:
+    FILE.write_text('design = "x"\ndesign_digest = "0"\n')
+    view = SensorModel(Pinhole.from_sensor(SensorDimensions()), serial="A1")
+    accepted = Acceptance(str(lab.finished), 1, (), None, np.zeros((8, 8, 3), np.uint8))
+    (line,) = accepted.save(view, 0, FILE)
+    assert line.startswith("sensors/A1.toml: design: 'x' with digest 0; this run has")
 
 
 def test_simulated_presses_do_not_count(lab: ShortRun, tmp_path: Path) -> None:

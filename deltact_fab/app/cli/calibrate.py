@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -179,16 +179,16 @@ def force(
             fit, carried, notes = transfer_calibration(runs, transfer, progress=report)
         lines = [f"{fit.line} ({carried.head.origin})", *(f"note: {line}" for line in notes)]
         files = write_force_calibration(carried, output)
-        data = {"transfer": fit.as_dict(), "left_out": notes}
-        asides = SensorLedger.add_event("force", runs, file=output)
-        return Answer(data, [*lines, files_line(files)], asides=asides)
-    with progress("force") as report:
-        result = calibrate_force(runs, models or None, seed, progress=report)
-    lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.notes)]
-    files, figure = result.save(folder, output), plot_predicted_force(result)
-    files += save_figures(folder, lambda: {figure.name: figure.draw()})
+        data: dict[str, Any] = {"transfer": fit.as_dict(), "left_out": notes}
+    else:
+        with progress("force") as report:
+            result = calibrate_force(runs, models or None, seed, progress=report)
+        lines = [*_force_lines(result, folder), *(f"note: {line}" for line in result.notes)]
+        files, figure = result.save(folder, output), plot_predicted_force(result)
+        files += save_figures(folder, lambda: {figure.name: figure.draw()})
+        data = result.as_dict()
     asides = SensorLedger.add_event("force", runs, file=output)
-    return Answer(result.as_dict(), [*lines, files_line(files)], asides=asides)
+    return Answer(data, [*lines, files_line(files)], asides=asides)
 
 
 def _force_lines(result: ForceResult, folder: Path) -> Iterator[str]:

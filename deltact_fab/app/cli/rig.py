@@ -273,9 +273,9 @@ def accept(
     result = replace(result, rows=(*result.rows, *steps))
     if picture is not None:
         write_whole(picture, result.picture(model.camera))
-    if out is not None and result.passed:
-        result.save(model, seed, out)
     notes = [model.simulated] if model.simulated else []
+    if out is not None and result.passed:
+        notes += result.save(model, seed, out)
     if result.passed:
         notes.append(f"written: {out}" if out else "not saved: give --serial")
     return grade(source, result, "accepted", "", *notes)

@@ -334,7 +334,8 @@ class StraightPress:
         """Read a press; None: the only one. Raises InputError with the names of all presses."""
         run = open_run(folder)
         steps, specimen = run.steps(), run.meta["protocol"]["specimen"]
-        names = list(dict.fromkeys(steps.loc[steps["kind"] == "press", "press"]))
+        steps = steps[steps["kind"].isin(PRESS_KINDS)]
+        names = list(dict.fromkeys(steps["press"]))
         if not names or run.weights is not None or run.meta.get("air"):
             raise InputError(f"{folder}: no press of a stage on the face in this run")
         if press not in (names if press or len(names) > 1 else [None]):
@@ -345,27 +346,24 @@ class StraightPress:
         samples, pose, steps = run.force(press), run.pose(press), steps[steps["press"] == press]
         if samples.empty:
             raise InputError(f"{folder}: press {press}: no force recorded")
-        pressing = steps[steps["kind"].isin(PRESS_KINDS)]
-        straight = pressing[(pressing["kind"] == "shear").cumsum() == 0]
-        history, series = _bin_forces(press, samples), specimen.get("prony") or []
-        force_n = history.force_n
-        if series:
-            shares, times_s = zip(*series, strict=True)
-            force_n = _relaxed_force(history, Series(tuple(shares), tuple(times_s)))
-        rows = pose[pose["step_id"].isin(straight["step_id"])]
+        first, straight = steps.iloc[0], (steps["kind"] == "shear").cumsum() == 0
+        rows = pose[pose["step_id"].isin(steps["step_id"][straight])]
+        history, prony = _bin_forces(press, samples), specimen.get("prony", ())
+        series = Series(tuple(share for share, _ in prony), tuple(time_s for _, time_s in prony))
+        normal_n = -_relaxed_force(history, series)[:, 2]
         notes = [f"the run's specimen: modulus_mpa = {specimen['modulus_mpa']:g}"]
-        if not series:
+        if not prony:
             notes.append("no prony in the run's specimen: relaxation counts as modulus")
         if run.simulated and specimen["gel_model"] != "hyperelastic":
             notes.append(f"simulated with gel_model = {specimen['gel_model']!r}")
         return cls(
             f"{folder}: press {press}",
-            run.indenter(str(steps["indenter"].iloc[0])),
+            run.indenter(first["indenter"]),
             -rows["z_mm"].to_numpy(float),
-            np.asarray(np.interp(rows["t_press_s"], history.t_s, -force_n[:, 2])),
-            int(pose["step_id"].isin(set(pressing["step_id"]) - set(straight["step_id"])).sum()),
+            np.asarray(np.interp(rows["t_press_s"], history.t_s, normal_n)),
+            int(pose["step_id"].isin(steps["step_id"][~straight]).sum()),
             {
-                "at_mm": tuple(steps[["x_mm", "y_mm"]].iloc[0].tolist()),
+                "at_mm": (float(first["x_mm"]), float(first["y_mm"])),
                 **{k: run.meta["sensor"]["skin"][k] for k in SKIN_SIZES},
                 **{k: specimen[k] for k in ("poisson", "friction")},
             },

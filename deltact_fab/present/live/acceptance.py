@@ -85,8 +85,8 @@ class Acceptance:
             "found": None if self.findings is None else asdict(self.findings),
         }  # fmt: skip
 
-    def save(self, model: SensorModel, seed: int, out: Path) -> None:
-        """Save an accepted sensor, and its face at rest next to it.
+    def save(self, model: SensorModel, seed: int, out: Path) -> list[str]:
+        """Save an accepted sensor, and its face at rest next to it; return lines of its ledger.
 
         seed: of a simulated one. Raises InputError for a sensor that was not accepted and for an
         existing file, RunFailed on disk errors.
@@ -103,10 +103,10 @@ class Acceptance:
             out.parent.mkdir(exist_ok=True)
         if out.parent != SensorLedger.FOLDER:
             write_files({image: rest, out: text.encode()})
-            return
+            return []
         write_files({image: rest})
         SensorLedger.add_acceptance(out, text)
-        SensorLedger.add_event(
+        return SensorLedger.add_event(
             "accepted", [self.source], serial=out.stem, id=hashlib.sha256(rest).hexdigest()[:12],
             text=f"{len(rows)} checks", simulated=model.simulated is not None,
         )  # fmt: skip

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from deltact_fab.common import Check, Status, graded
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from deltact_fab.common import Note
+    from deltact_fab.estimate import Interval
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,14 @@ class Headline:
     remark: str = ""
     told: bool = False
     whole: bool = True
+
+    @classmethod
+    def from_interval(
+        cls, label: str, unit: str, interval: Interval, factor: float = 1.0, **fields: Any
+    ) -> Self:
+        """Figure with its interval. factor: to `unit`, from the interval's own."""
+        low, high = (None if end is None else factor * end for end in (interval.low, interval.high))
+        return cls(label, factor * interval.value, unit, low, high, interval.over, **fields)
 
     @property
     def state(self) -> GoalState | None:

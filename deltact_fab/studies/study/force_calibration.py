@@ -18,7 +18,6 @@ from deltact_fab.common import InputError, Note
 from deltact_fab.estimate import ForceResult, calibrate_force, fit_best_model, gather_points
 from deltact_fab.present import Headline, ReportTable, StudyResult, plot_predicted_force
 
-from .intervals import headline
 from .press_jobs import ForcePointsJob, force_points_job
 from .registry import StudyRequest, modulus_remark, parse_scale
 from .scene import PressScene, collect_left_out
@@ -245,9 +244,8 @@ def _best_heads(result: ForceResult) -> list[Headline]:
         if name == "normal" and result.calibration.head.made.simulated:
             remark += "; assumes exact gel and flow: 0.05 to 0.32 N otherwise, see the notes"
         heads.append(
-            headline(
-                f"{words}, {result.SPLITS[split]}: RMSE", "N",
-                interval,
+            Headline.from_interval(
+                f"{words}, {result.SPLITS[split]}: RMSE", "N", interval,
                 goal=NORMAL_GOAL_N if name == "normal" else SHEAR_GOAL_SHARE * span,
                 remark=remark, told=name == "normal",
             )
@@ -258,7 +256,7 @@ def _best_heads(result: ForceResult) -> list[Headline]:
 def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
     """Headlines of the paper's model on the paper's split, with the printed values."""
     return [
-        headline(
+        Headline.from_interval(
             f"the paper's model, {COMPONENT_WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
             interval, paper=printed_n, remark=alone if name == "normal" else "",
             told=name == "normal",

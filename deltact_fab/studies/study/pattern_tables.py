@@ -14,7 +14,6 @@ from deltact_fab.estimate import Interval
 from deltact_fab.fabricate import PatternSeries, SeriesEntry
 from deltact_fab.present import Claim, Headline, ReportFigure, ReportTable
 
-from .intervals import headline
 from .pattern_errors import COMPOSED_FLOW, FLOW_NAMES, OUR_FLOW, SUMMED_FLOW, Measure, PatternErrors
 
 if TYPE_CHECKING:
@@ -98,12 +97,15 @@ def headlines(errors: PatternErrors) -> tuple[Headline, ...]:
             if (interval := errors.mean(p.name, method, "at_dots")) is not None:
                 label = f"{p.label}, {FLOW_NAMES.get(method, method)}, at the dots"
                 paper_mm = None if method == OUR_FLOW else p.paper_error_mm
-                heads.append(headline(label, "mm", interval, paper=paper_mm, remark=_loss_remark(
-                    errors, p, method)))  # fmt: skip
+                remark = _loss_remark(errors, p, method)
+                heads.append(
+                    Headline.from_interval(label, "mm", interval, paper=paper_mm, remark=remark)
+                )
     best = errors.best(OUR_FLOW, "off_dots", errors.printed)
     if best and (interval := errors.mean(best.name, OUR_FLOW, "off_dots")):
         label = f"least error of {FLOW_NAMES[OUR_FLOW]}, {best.label}, moving pixels off the dots"
-        heads.append(headline(label, "mm", interval, remark=_loss_remark(errors, best, OUR_FLOW)))
+        remark = _loss_remark(errors, best, OUR_FLOW)
+        heads.append(Headline.from_interval(label, "mm", interval, remark=remark))
     return tuple(heads)
 
 

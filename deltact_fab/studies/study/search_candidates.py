@@ -28,7 +28,6 @@ from deltact_fab.present import Headline, ReportFigure
 from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLattice, axes_mm
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
-from .intervals import headline
 from .pattern_errors import OUR_FLOW, PatternErrors
 
 if TYPE_CHECKING:
@@ -179,16 +178,18 @@ def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tupl
     to_print_mm, seeds = by_seed(to_print), errors.indenters
     assert to_print_mm is not None
     heads = [
-        headline("mean error of the pattern to print", "µm",
-                 Interval.mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
-                 remark="moving pixels, default tracker, no dots, finite-strain gel"),
+        Headline.from_interval(
+            "mean error of the pattern to print", "µm",
+            Interval.mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
+            remark="moving pixels, default tracker, no dots, finite-strain gel"),
     ]  # fmt: skip
     if (paper := by_seed(PAPER_PATTERN)) is not None:
         tracked = [e for name in best if (e := by_seed(name)) is not None]
         share = Interval.ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
         heads.append(
-            headline("its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
-                     told=True, remark="per seed the finalist that is best on the other seeds")
+            Headline.from_interval(
+                "its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
+                told=True, remark="per seed the finalist that is best on the other seeds")
         )  # fmt: skip
     return tuple(heads)
 

@@ -34,7 +34,6 @@ from deltact_fab.present import (
 )
 
 from . import press_jobs as jobs
-from .intervals import headline
 from .registry import StudyRequest, modulus_remark, parse_scale
 from .scene import PressScene, collect_left_out
 
@@ -120,9 +119,9 @@ def run(request: StudyRequest) -> StudyResult:
 def load_scene(request: StudyRequest) -> PressScene:
     """Load the requested scene. Raises InputError, one line, for an unusable one."""
     scale = parse_scale(request.scale)
-    loaded = {name: load_protocol(name) for name in ALL_SETS}
     protocols = {}
-    for name, (protocol, source) in loaded.items():
+    for name in ALL_SETS:
+        protocol, source = load_protocol(name)
         if name == FORCE_SMALL:
             protocol = protocol.narrowed(tips=[FORCE_INDENTER])
         elif name in (*OBJECT_SETS, TWIST_PRESS):
@@ -266,7 +265,7 @@ def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headlin
     for outer, part in frames.groupby(outside):
         error, true = part["found_normal_n"] - part["normal_n"], part["normal_n"]
         heads.append(
-            headline(
+            Headline.from_interval(
                 f"normal force {'beyond' if outer else 'within'} the calibrations, RMSE", "N",
                 Interval.rmse(error, *_groups(part)), goal=None if outer else SHAPES_GOAL_N,
                 remark=f"{'' if outer else remark}forces of {true.min():.1f} to {true.max():.1f} "
@@ -279,7 +278,8 @@ def _force_heads(frames: pd.DataFrame, left_out_n: float | None) -> list[Headlin
 def _mean_head(
     label: str, unit: str, rows: pd.DataFrame, column: str, scale: Any = "positive", **fields: Any
 ) -> Headline:
-    return headline(label, unit, Interval.mean(rows[column], *_groups(rows), scale), **fields)
+    interval = Interval.mean(rows[column], *_groups(rows), scale)
+    return Headline.from_interval(label, unit, interval, **fields)
 
 
 def _groups(rows: pd.DataFrame) -> tuple[list[str], str]:

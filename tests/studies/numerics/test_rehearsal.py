@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import os
+from pathlib import Path
+
+import pytest
 
 from deltact_fab.bench.protocols import plan
 from deltact_fab.bench.rig import config
 from deltact_fab.simulate import FaultScenario
 from deltact_fab.studies.numerics.faults.kinds import FAULT_KINDS
-from deltact_fab.studies.numerics.faults.rehearsal import _covering
+from deltact_fab.studies.numerics.faults.rehearsal import FaultMatrix, _covering
 
 
 def test_keeps_first_and_deepest_press() -> None:
@@ -28,3 +32,14 @@ def test_all_faults_and_moments_are_covered() -> None:
     assert len(set(kept)) == len(FAULT_KINDS)
     assert {fault for fault, _ in kept} == {fault.name for fault in FAULT_KINDS}
     assert {moment for _, moment in kept} == set(moments)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
+def test_first_press_is_always_kept(tmp_path: Path) -> None:
+    declared, path = plan.load_protocol("smoke")
+    keys = {"indenters": ["sphere:10"], "repeats": 2, "order": "random"}
+    drawn = plan.Protocol.model_validate(declared.model_dump(mode="json") | keys)
+    assert [press.name for press in drawn.list_presses()] == ["sphere-10/p1r2", "sphere-10/p1"]
+    rig = config.load_rig("virtual")[0]
+    matrix = FaultMatrix(tmp_path, FaultScenario.from_protocol(drawn, path.read_bytes(), rig))
+    assert len(matrix.committed["steps"]) == 7

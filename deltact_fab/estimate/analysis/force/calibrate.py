@@ -29,9 +29,9 @@ from .judge import (
     calibrated_errors,
     cross_validate,
     evaluate_features,
-    fit_force,
     force_error_n,
     learning_curve,
+    predict_left_out,
     ranking_error_n,
     validate,
 )
@@ -250,25 +250,20 @@ def transfer(model: ForceModel, data: ForceData) -> TransferredCalibration:
 
     Raises InputError for presses that do not determine the factor of pressure.
     """
-    X, wrench = data.features[model.features], data.wrench
-    as_is = model.predict(X)
+    wrench, as_is = data.wrench, model.predict(data.features[model.features])
     pressure, shear, shear_known = _fit_factors(as_is, wrench)
 
     def predict_transferred(train: Array, test: Array) -> Array:
         pressure, shear, _ = _fit_factors(as_is[train], wrench[train])
         return as_is[test] * np.where(_SHEAR_AXES, shear, pressure)
 
-    def predict_fresh(train: Array, test: Array) -> Array:
-        return fit_force(data, model.features, train).predict(X[test])
-
-    error_n, fresh_n = (
-        force_error_n(cross_validate(data.points, wrench, "position", 0, predict) - wrench)
-        for predict in (predict_transferred, predict_fresh)
-    )
+    unseen = cross_validate(data.points, wrench, "position", 0, predict_transferred)
+    fresh = predict_left_out(data, model.features, "position")
     scaled = model.coefficients * np.where(_SHEAR_AXES, shear, pressure)[:, None]
     return TransferredCalibration(
         replace(model, coefficients=scaled), pressure, shear, shear_known,
-        data.points["press"].nunique(), error_n, fresh_n, force_error_n(as_is - wrench),
+        data.points["press"].nunique(), force_error_n(unseen - wrench),
+        force_error_n(fresh - wrench), force_error_n(as_is - wrench),
     )  # fmt: skip
 
 

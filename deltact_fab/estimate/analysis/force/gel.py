@@ -123,8 +123,8 @@ class UnrelaxedForces:
     def relaxed_wrenches(self, data: ForceData) -> ForceData:
         """Return points with wrenches as they would be after the longest wait of fitted ones."""
         excess = 1 + self.share * np.exp(-data.points["wait_s"].to_numpy(float) / self.time_s)
-        least = excess[data.has_role("fit")].min()
-        return replace(data, wrench=data.wrench * (least / excess)[:, None])
+        smallest = excess[data.has_role("fit")].min()
+        return replace(data, wrench=data.wrench * (smallest / excess)[:, None])
 
 
 def fit_unrelaxed(data: ForceData) -> UnrelaxedForces | None:

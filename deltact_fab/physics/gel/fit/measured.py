@@ -71,7 +71,18 @@ class MeasuredIndentation:
             raise InputError(
                 f"{name}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
             )
-        _check_signs(name, depth_mm, normal_n)
+        deep = depth_mm >= np.quantile(depth_mm, 0.8)
+        push, rest = normal_n[deep].mean(), normal_n[~deep].sum() / max(1, np.sum(~deep))
+        if not push > 0:
+            raise InputError(
+                f"{name}: column normal_n: {push:.3g} N on average where the press is deepest; "
+                "expected positive when pressed"
+            )
+        if not push > rest:
+            raise InputError(
+                f"{name}: column depth_mm: force does not grow with depth; expected depth > 0 into "
+                "the gel"
+            )
         return cls(name, depth_mm, normal_n, dragged)
 
 
@@ -90,18 +101,3 @@ def _number(path: Path, line: int, column: str, text: str) -> float:
     if not math.isfinite(value):
         raise InputError(f"{path}:{line}: column {column}: {text!r} is not a finite number")
     return value
-
-
-def _check_signs(name: str, depth_mm: Field, normal_n: Field) -> None:
-    deep = depth_mm >= np.quantile(depth_mm, 0.8)
-    push, rest = float(normal_n[deep].mean()), float(normal_n[~deep].mean()) if any(~deep) else 0.0
-    if not push > 0:
-        raise InputError(
-            f"{name}: column normal_n: {push:.3g} N on average where the press is deepest; "
-            "expected positive when pressed"
-        )
-    if not push > rest:
-        raise InputError(
-            f"{name}: column depth_mm: force does not grow with depth; expected depth > 0 into "
-            "the gel"
-        )

@@ -56,7 +56,7 @@ class FaultMatrix:
         assert run_outcome(FaultBench(self.scenario), self.begun, self._stop) != "success"
         # The interrupted press is repeated from its start: none of its rows is kept.
         self.committed = {
-            table: [row for row in part if not str(row[0]).startswith(self.scenario.second)]
+            table: [row for row in part if not str(row[0]).startswith(f"{self.scenario.second}/")]
             for table, part in open_run(self.begun).press_rows().items()
         }
         self.at_s = self._moments()
@@ -121,7 +121,7 @@ class FaultMatrix:
         )
 
     def _stop(self, count: int, total: int, label: str) -> None:
-        if label.startswith(self.scenario.second):
+        if label.startswith(f"{self.scenario.second}/"):
             raise KeyboardInterrupt
 
     def _moments(self) -> dict[str, float]:
