@@ -19,7 +19,7 @@ from deltact_fab.paths import PACKAGE_DIR
 
 ROOT = PACKAGE_DIR.parent
 WINGS = sorted(file.parent.name for file in PACKAGE_DIR.glob("*/__init__.py"))
-MOST, MOST_ALL = 60, 364
+MOST, MOST_ALL = 60, 363
 """Names at a door and at all of them: ceilings that only fall; the aim is 300 in all."""
 
 

@@ -96,7 +96,7 @@ def test_protocol_check_reports_tool_lengths(tmp_path: Path) -> None:
     assert basis.startswith('[tools."star"] length_mm is not declared')
     alone = CliRunner().invoke(main, [*words, "--unattended"])
     assert "FAIL  contact" in alone.output
-    assert "has 2 indenters" in alone.output
+    assert "mounts an indenter 2 times" in alone.output
     assert alone.exit_code == 1
 
 

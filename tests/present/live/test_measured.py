@@ -37,13 +37,15 @@ def results(session: MeasurementSession) -> list[MeasuredImage]:
 
 
 @pytest.mark.slow
-def test_outputs_contain_force_contacts_health(results: list[MeasuredImage]) -> None:
+def test_outputs_contain_force_contacts_health(
+    session: MeasurementSession, results: list[MeasuredImage]
+) -> None:
     people, program, said = io.StringIO(), io.StringIO(), list[str]()
     origin = "simulated, seed 3"
     outputs = (
         StatusLine(people, origin),
         JsonLines(program, origin),
-        HealthOutput(lambda *told: said.append(told[0])),
+        HealthOutput(session.source, lambda *told: said.append(told[0])),
     )
     for output in outputs:
         for m in results:
