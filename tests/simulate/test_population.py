@@ -82,6 +82,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {**runs, "plain": ShortRun(folder).finished}
 
 
+@pytest.mark.slow
 def test_a_draw_changes_truth_alone(drawn: dict[str, Path]) -> None:
     one, two, again = (drawn[name] for name in ("1", "2", "1 again"))
     for name in ("run.json", "pattern.json", "protocol.toml"):
@@ -104,6 +105,7 @@ def test_a_draw_changes_truth_alone(drawn: dict[str, Path]) -> None:
     assert list(hidden["population"]) == ["sha256"]
 
 
+@pytest.mark.slow
 def test_true_camera_projects_the_truth(drawn: dict[str, Path], tmp_path: Path) -> None:
     """A tracker agrees with the truth, and not with that of the recorded camera."""
     import cv2
@@ -200,6 +202,7 @@ def test_real_rig_has_its_own_sensor() -> None:
         RunRequest("smoke", "grbl-bench", sensor=1)
 
 
+@pytest.mark.slow
 def test_resume_needs_the_same_sensor(drawn: dict[str, Path], tmp_path: Path) -> None:
     sensors = Sensors(tmp_path, POPULATION)
     sensors.finished = drawn["1"]
@@ -227,6 +230,7 @@ recovery_s = 20.0
 """
 
 
+@pytest.mark.slow
 def test_drift_does_not_depend_on_order(tmp_path: Path) -> None:
     """A run resumed after its second press, and presses carried out alone, equal the whole."""
     sensors = Sensors(tmp_path, POPULATION + DRIFT.format(gain=0.9, residual=0.3))
@@ -251,6 +255,7 @@ def test_drift_does_not_depend_on_order(tmp_path: Path) -> None:
     assert list(hidden) == ["sha256"]
 
 
+@pytest.mark.slow
 def test_drift_follows_the_planned_time(tmp_path: Path) -> None:
     """A gain of 5 % over the run, and the dent of the press before, whose place is near."""
     sensors = Sensors(tmp_path, QUIET)

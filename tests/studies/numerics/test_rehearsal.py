@@ -34,6 +34,7 @@ def test_all_faults_and_moments_are_covered() -> None:
     assert {moment for _, moment in kept} == set(moments)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX limits and locks")
 def test_first_press_is_always_kept(tmp_path: Path) -> None:
     declared, path = plan.load_protocol("smoke")
