@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.design import load_design
+from deltact_fab.paths import PACKAGE_DIR
 
 PLACES = [[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 3.0]]
 GRID = {"indenters": ["sphere:10", "4dots"], "positions_mm": PLACES, "depths_mm": [0.5, 1.0]}
@@ -213,3 +215,14 @@ def test_creep_needs_rest_between_presses(
               if r.id == "recovery")  # fmt: skip
     assert row.status == status
     assert ("settle_s.rest" in row.reason) == (status == "warn")
+
+
+def test_one_form_for_all_readers() -> None:
+    """Nothing but the protocol itself reads how its file states the presses."""
+    form = re.compile(r"\.positions_mm\b|protocol\.(indenters|depths_mm|press\b\[|grid)\b")
+    readers = {
+        str(file.relative_to(PACKAGE_DIR))
+        for file in PACKAGE_DIR.rglob("*.py")
+        if form.search(file.read_text())
+    }
+    assert readers == {"bench/protocols/plan.py"}
