@@ -72,7 +72,7 @@ class MeasuredIndentation:
                 f"{name}: {len(depth_mm)} rows of a straight press; at least {MIN_ROWS} are needed"
             )
         deep = depth_mm >= np.quantile(depth_mm, 0.8)
-        push, rest = normal_n[deep].mean(), normal_n[~deep].sum() / max(1, np.sum(~deep))
+        push, rest = normal_n[deep].mean(), normal_n[~deep].sum() / max(1, int(np.sum(~deep)))
         if not push > 0:
             raise InputError(
                 f"{name}: column normal_n: {push:.3g} N on average where the press is deepest; "
