@@ -98,13 +98,13 @@ def calibrate_depth(folder: str | Path, force: Path | None = None) -> DepthCalib
     0.3 mm deep.
     """
     run = open_run(folder)
-    frames = fitted_rows(run, read_frames(run, "shape"))
-    balls = frames[frames["indenter"].str.startswith("sphere:")]
+    frames = read_frames(run, "shape")
+    balls = fitted_rows(run, frames[frames["indenter"].str.startswith("sphere:")])
     if balls.empty:
         names = ", ".join(dict.fromkeys(frames["indenter"]))
         raise InputError(
-            f"{folder}: no press of a sphere in this run (indenters: {names}); depth calibration "
-            "needs one, as in the protocol 'ball-press'"
+            f"{folder}: no press of a sphere in this run (indenters: {names}) has the role 'fit'; "
+            "depth calibration needs one, as in the protocol 'ball-press'"
         )
     ball = str(balls["indenter"].iloc[0])
     diameter_mm = float(ball.removeprefix("sphere:"))
