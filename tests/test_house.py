@@ -195,7 +195,7 @@ def test_one_file_locates_the_package(sources: Sources) -> None:
 CEILINGS = {
     ("deltact_fab", "lines"): 72037,
     ("deltact_fab", "files"): 409,
-    ("tests", "lines"): 41319,
+    ("tests", "lines"): 41320,
 }
 
 

@@ -93,6 +93,7 @@ def test_problem_of_a_monitor(
         assert re.search(problem, monitor.problem())
 
 
+@pytest.mark.slow
 def test_serial_source_is_opened_again(tmp_path: Path) -> None:
     link, notes = tmp_path / "port", list[str]()
     monitor = Monitor(table(port=str(link)), tmp_path)
