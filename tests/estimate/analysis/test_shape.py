@@ -129,7 +129,7 @@ def test_depth_takes_undragged_fitted_stops(mini_run: Path, tmp_path: Path) -> N
     meta = json.loads((run / "run.json").read_text())
     meta["presses"] = [{"name": "sphere-10/p1", "role": "validate"}]
     (run / "run.json").write_text(json.dumps(meta))
-    with pytest.raises(InputError, match=r"no press of a sphere in this run \(indenters: 4dots"):
+    with pytest.raises(InputError, match=r"in this run \(indenters: sphere:10.*has the role 'fit'"):
         calibrate_depth(run)
 
 
