@@ -277,7 +277,10 @@ def read_declaration(path: Path) -> dict[str, Any]:
         if "press" in data:
             raise InputError(f"{path}: presses: not with [[press]]: give one of them")
         del data["presses"]
-        data["press"] = read_presses(path.parent / file)
+        try:
+            data["press"] = read_presses(path.parent / file)
+        except InputError as error:
+            raise InputError(f"{path}: presses: {error}") from error
     return data
 
 

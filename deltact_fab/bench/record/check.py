@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltact_fab.common import InputError, Progress, RunFailed, read_toml, validate
+from deltact_fab.common import InputError, Progress, RunFailed
 
-from ..protocols.plan import Protocol, Step, expand_protocol
+from ..protocols.plan import Step
 from . import notes
 from .files import (
     LATTICE_FILE,
@@ -138,7 +138,7 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
     steps: list[Step] = []
     if not run.imported:
         try:
-            steps = _planned(run)
+            steps = run.planned_steps()
         except InputError as error:
             add(Damage("damaged", "protocol.toml", str(error)))
     try:
@@ -185,19 +185,6 @@ def _file_damage(run: Run, file: str, digest: str | None) -> str:
         return str(error.strerror)
     same = hashlib.sha256(data).hexdigest() == digest
     return "" if same else "differs from its hash in the journal"
-
-
-def _planned(run: Run) -> list[Step]:
-    """Steps planned by the run's protocol.
-
-    Raises InputError when protocol.toml cannot be read.
-    """
-    path = run.folder / "protocol.toml"
-    declared = read_toml(path)
-    if declared.pop("presses", None) is not None:  # the list is in the record
-        declared["press"] = run.meta["protocol"]["press"]
-    protocol = validate(Protocol, declared, str(path))
-    return expand_protocol(protocol, bool(run.meta.get("air")))
 
 
 def find_damage(

@@ -17,7 +17,7 @@ from deltact_fab.common import InputError, Note, parse_json, validate
 from deltact_fab.sensor import restore_camera
 
 from ..protocols.plan import Step
-from ..protocols.tables import SettleTimes
+from ..protocols.tables import PressRole, SettleTimes
 from .folder import has_file, read_file
 
 RUN_FORMAT = 6  # format number of run folders written by this version
@@ -129,6 +129,7 @@ class _Rig(TypedDict, total=False):
     stage: _StageFields
     camera: dict[str, Any] | None
     force: dict[str, Any] | None
+    monitor: list[dict[str, Any]] | None
 
 
 _Side = Annotated[int, Field(ge=1, le=20_000)]
@@ -138,9 +139,15 @@ class _Imported(TypedDict, total=False):
     image_px: tuple[_Side, _Side]
 
 
+class _PressRow(TypedDict, total=False):
+    name: str
+    role: PressRole
+
+
 class _RunFile(TypedDict, total=False):
     name: str
     protocol: _Protocol
+    presses: list[_PressRow]
     rig_name: str
     rig: _Rig
     sensor: dict[str, Any]

@@ -90,17 +90,20 @@ class SensorLedger(Table):
     """Events by kind and run, written by the program; the last table of the file."""
 
     @classmethod
-    def file(cls, serial: str) -> Path:
-        """Return the file of a sensor. Raises InputError for a serial that is not a file name."""
+    def file(cls, serial: str, key: str = "--serial") -> Path:
+        """Return the file of a sensor. key: that gives the serial number.
+
+        Raises InputError for one that is not a file name.
+        """
         if not _SERIAL_FORM.fullmatch(serial):
             text = "use letters, digits, '.', '+', '-' and '_' only"
-            raise InputError(f"--serial {serial!r}: {text}")
+            raise InputError(f"{key} {serial!r}: {text}")
         return cls.FOLDER / f"{serial}.toml"
 
     @classmethod
     def create(cls, serial: str) -> Path:
         """Write the file of a new sensor, to be filled in. Raises InputError, RunFailed."""
-        with disk_errors(path := cls.file(serial)):
+        with disk_errors(path := cls.file(serial, "--new")):
             cls.FOLDER.mkdir(exist_ok=True)
         write_new_file(path, _new_text())
         return path
@@ -137,7 +140,7 @@ class SensorLedger(Table):
                 digest = hashlib.sha256(dimensions).hexdigest()[:12]
                 origin = {"design": specimen.get("design", ""), "design_digest": digest}
             with cls.locked():
-                return _add(cls.file(serial), f"{kind} {id}", date, values, origin)
+                return _add(cls.file(serial, "serial"), f"{kind} {id}", date, values, origin)
         except (DeltactFabError, OSError) as error:
             return [f"ledger: {error}; nothing was added ({kind})"]
 

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import DeltactFabError, InputError, Note, RunFailed, disk_errors, validate
+from deltact_fab.common import (
+    DeltactFabError,
+    InputError,
+    Note,
+    RunFailed,
+    disk_errors,
+    read_toml,
+    validate,
+)
 from deltact_fab.sensor import (
     CameraModel,
     FlatField,
@@ -24,7 +32,7 @@ from deltact_fab.sensor import (
     restore_indenter,
 )
 
-from ..protocols.plan import Protocol, expand_protocol
+from ..protocols.plan import Protocol, Step, expand_protocol
 from ..protocols.tables import DeadWeights
 from . import notes
 from .files import FLAT_FILE, IMPORTED_MARK, LATTICE_FILE, UNKNOWN_SENSOR, load_run_file
@@ -105,15 +113,22 @@ class Run:
             return "being written now"
         return "finished" if self.finished else "unfinished"
 
+    def planned_steps(self) -> list[Step]:
+        """Steps planned by the run's protocol. Raises InputError if protocol.toml is unusable."""
+        path = self.folder / "protocol.toml"
+        declared = read_toml(path)
+        if declared.pop("presses", None) is not None:  # the list is in the record
+            declared["press"] = (self.meta.get("protocol") or {}).get("press")
+        protocol = validate(Protocol, declared, str(path))
+        return expand_protocol(protocol, bool(self.meta.get("air")))
+
     def count_presses(self) -> tuple[int, int]:
         """Return the numbers of complete and of planned presses; equal for an imported run."""
         with self.reader() as db:
             if self.imported:
                 return (db.execute("SELECT count(DISTINCT press) FROM frames").fetchone()[0],) * 2
             done_ids = {id for (id,) in db.execute("SELECT step_id FROM steps")}
-        source = f"{self.folder / 'run.json'}: protocol"
-        steps = expand_protocol(validate(Protocol, self.meta["protocol"], source))
-        last = {step.press: step.id for step in steps if step.kind != "change"}
+        last = {step.press: step.id for step in self.planned_steps() if step.kind != "change"}
         return sum(id in done_ids for id in last.values()), len(last)
 
     def frames(self, press: str | None = None) -> pd.DataFrame:

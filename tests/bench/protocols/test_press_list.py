@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
 from pathlib import Path
@@ -13,6 +14,7 @@ from rig_text import VIRTUAL_STAGE
 from deltact_fab.bench.protocols import plan
 from deltact_fab.bench.protocols.limits import check_limits
 from deltact_fab.bench.protocols.plan import Protocol
+from deltact_fab.bench.record.files import RUN_FORMAT, load_run_file
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.common import catalog
 from deltact_fab.common.errors import InputError
@@ -226,3 +228,18 @@ def test_one_form_for_all_readers() -> None:
         if form.search(file.read_text())
     }
     assert readers == {"bench/protocols/plan.py"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"presses": 5}, r"run\.json: presses: must be a list \(got 5\)"),
+        ({"presses": [5]}, r"run\.json: presses\.0: must be an object"),
+        ({"presses": [{"name": "a", "role": "judge"}]}, r"presses\.0\.role: must be 'fit', 'val"),
+        ({"rig": {"monitor": 5}}, r"run\.json: rig\.monitor: must be a list"),
+    ],
+)
+def test_strange_record_is_one_line(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps({"format": RUN_FORMAT, **changes}))
+    with pytest.raises(InputError, match=message):
+        load_run_file(tmp_path, "run.json")
