@@ -239,9 +239,10 @@ def _recovery(
     share, name, rest_s = worst
     needed_s = max(tau_s * math.log(max(len(prony) * g / total / MAX_RECOVERY_SHARE, 1))
                    for g, tau_s in prony)  # fmt: skip
-    subject = "creep left of the press before"
+    subject = "remaining creep of the previous press nearby, as a share"
     if share:
-        subject += f" (after {rest_s:.0f} s; rest {needed_s - rest_s:.0f} s more: settle_s.rest)"
+        more_s = math.ceil(needed_s - rest_s)
+        subject += f" (after {rest_s:.0f} s of rest; {more_s} s more as capture.settle_s.rest)"
     status = graded(True, warns=share > MAX_RECOVERY_SHARE)
     return Check.at_most("recovery", "recovery", subject, share, MAX_RECOVERY_SHARE, name, status)
 

@@ -94,7 +94,7 @@ class Monitor:
         """Reason why its value is unknown or beyond its limits, "" for none."""
         return self._unknown() or self._outside()
 
-    def hindrance(self) -> str:
+    def pause_reason(self) -> str:
         """Problem that pauses the run, "" for none."""
         unknown = self._unknown()
         return unknown * self.table.required if unknown else self._outside()

@@ -17,6 +17,7 @@ from deltact_fab.bench.protocols.plan import Protocol
 from deltact_fab.bench.record.files import RUN_FORMAT, load_run_file
 from deltact_fab.bench.rig.config import load_rig
 from deltact_fab.common import catalog
+from deltact_fab.common.checks import Check
 from deltact_fab.common.errors import InputError
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.paths import PACKAGE_DIR
@@ -210,13 +211,22 @@ def test_creep_needs_rest_between_presses(
     prony: list[list[float]], distance_mm: float, settle_s: float, status: str, tmp_path: Path
 ) -> None:
     entries = [entry(x_mm=-distance_mm / 2), entry(x_mm=distance_mm / 2)]
-    protocol = declare(entries, specimen={"prony": prony}, capture={"settle_s": {"rest": settle_s}})
     (tmp_path / "rig.toml").write_text(VIRTUAL_STAGE)
     stage = load_rig(str(tmp_path / "rig.toml"))[0].stage
-    (row,) = (r for r in check_limits(protocol, load_design("deltact"), stage)
-              if r.id == "recovery")  # fmt: skip
+
+    def recovery(rest_s: float) -> Check:
+        capture = {"settle_s": {"rest": rest_s}}
+        protocol = declare(entries, specimen={"prony": prony}, capture=capture)
+        rows = check_limits(protocol, load_design("deltact"), stage)
+        return next(row for row in rows if row.id == "recovery")
+
+    row = recovery(settle_s)
     assert row.status == status
     assert ("settle_s.rest" in row.reason) == (status == "warn")
+    if status == "warn":  # the rest that is told is enough, and hardly more
+        more_s = float(row.reason.partition("of rest; ")[2].split()[0])
+        assert recovery(settle_s + more_s).status == "pass"
+        assert recovery(settle_s + more_s - 2).status == "warn"
 
 
 def test_one_form_for_all_readers() -> None:

@@ -88,7 +88,7 @@ def test_problem_of_a_monitor(
             stepped(monitor, Monitor.problem if problem else lambda it: it.take(0))
             monitor.step()
         pauses = problem and (required or " = " in problem)
-        assert monitor.hindrance() == (monitor.problem() if pauses else "")
+        assert monitor.pause_reason() == (monitor.problem() if pauses else "")
         assert bool(problem) == len(notes) == bool(monitor.problem())  # said once
         assert re.search(problem, monitor.problem())
 
@@ -107,7 +107,7 @@ def test_serial_source_is_opened_again(tmp_path: Path) -> None:
                     monitor.start(True, notes.append)
                 stepped(monitor, lambda it: not it.awaited and not it.problem())
                 assert monitor.text == "temperature = 23.5 degC"
-            stepped(monitor, Monitor.hindrance)
+            stepped(monitor, Monitor.pause_reason)
     assert len(notes) == 1  # not once more within NOTE_AGAIN_S
 
 
@@ -137,7 +137,7 @@ def test_source_that_cannot_be_opened(tmp_path: Path) -> None:
     optional = Monitor(table(port=port, required=False), tmp_path)
     optional.start(True, str)
     assert "cannot open" in optional.problem()
-    assert not optional.hindrance()
+    assert not optional.pause_reason()
 
 
 def event(folder: Path, kind: str, n: int = 1) -> bool:

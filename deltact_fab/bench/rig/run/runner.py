@@ -163,7 +163,7 @@ class Runner:
         since_s = time.monotonic()
         assert self._remaining is not None
         while True:
-            by_monitor = self._streams.hindrances()
+            by_monitor = self._streams.pause_reasons()
             reasons = ({"": PAUSED_BY_HAND} if self._pausing else {}) | (by_monitor or {})
             for key in reasons.keys() - noted:
                 self._streams.notify("paused", f"before {press}: {reasons[key]}")
@@ -171,7 +171,7 @@ class Runner:
             self._paused = "; ".join(reasons.values())
             if not reasons and by_monitor is not None:
                 break
-            self._streams.stand()
+            self._streams.wait_paused()
         paused_s = time.monotonic() - since_s
         self._remaining.leave_out(paused_s)
         if noted:

@@ -153,13 +153,13 @@ class Schedule:
 
     # ---- between two presses ---------------------------------------------------------------------
 
-    def hindrances(self) -> dict[str, str] | None:
+    def pause_reasons(self) -> dict[str, str] | None:
         """Reasons of monitors against a press, by name; None while a first reading is awaited."""
         monitors = self._d.monitors
-        problems = {m.table.name: text for m in monitors if (text := m.hindrance())}
+        problems = {m.table.name: text for m in monitors if (text := m.pause_reason())}
         return None if not problems and any(m.awaited for m in monitors) else problems
 
-    def stand(self) -> None:
+    def wait_paused(self) -> None:
         """Wait a moment in a pause; the rig's time does not pass in lockstep."""
         time.sleep(PAUSE_LOOK_S)
 

@@ -136,7 +136,7 @@ class ThreadedSchedule(Schedule):
         self._ending = True
         return super().close()
 
-    def stand(self) -> None:
+    def wait_paused(self) -> None:
         """Ask the stage where it is, then wait a moment with the guard armed.
 
         Raises StageError for an alarm, a restart or silence.
