@@ -135,13 +135,21 @@ def boxes_overlap(a: Extent, b: Extent) -> bool:
 def common_mm3(a: PlacedPart, b: PlacedPart) -> float:
     """Return the volume common to a and b, verified by the rest of a outside b."""
     from cadquery import Shape
+    from OCP.BOPAlgo import BOPAlgo_PaveFiller
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+    from OCP.TopTools import TopTools_ListOfShape
 
     pair = f"{a.part.name} {a.index + 1} and {b.part.name} {b.index + 1}"
     # A boolean that fails returns an empty shape without an exception: that would read as 0.
     with guarded(pair):
+        # Both results from one intersection, which takes most of the time.
+        pieces, crossing = TopTools_ListOfShape(), BOPAlgo_PaveFiller()
+        for shape in (a.solid.wrapped, b.solid.wrapped):
+            pieces.Append(shape)
+        crossing.SetArguments(pieces)
+        crossing.Perform()
         common, rest = (
-            float(Shape.cast(boolean(a.solid.wrapped, b.solid.wrapped).Shape()).Volume())
+            float(Shape.cast(boolean(*pieces, crossing).Shape()).Volume())
             for boolean in (BRepAlgoAPI_Common, BRepAlgoAPI_Cut)
         )
         total = float(a.solid.Volume())

@@ -140,16 +140,13 @@ def _deviation_mm(
 
     Four samples of every triangle (edge middles, centroid), then a grid of 45 on the worst ones.
     """
-    from OCP.gp import gp_Pnt
 
     def measure(index: NDArray[np.int64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
         samples = np.einsum("sc,mcx->msx", weights, corners_mm[index])
         gaps = np.empty(samples.shape[:2])
-        for row, triangle in enumerate(index):
-            surface = surfaces[face[triangle]]
-            for column, (x, y, z) in enumerate(samples[row].tolist()):
-                surface.ValueOfUV(gp_Pnt(x, y, z), 1e-7)
-                gaps[row, column] = surface.Gap()
+        for number in np.unique(face[index]):
+            on = face[index] == number
+            gaps[on] = _gaps_mm(samples[on].reshape(-1, 3), surfaces[number]).reshape(on.sum(), -1)
         return gaps.max(axis=1)
 
     coarse = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3]])
@@ -158,3 +155,30 @@ def _deviation_mm(
     fine = np.array([(i, j, n - i - j) for i in range(n + 1) for j in range(n + 1 - i)]) / n
     worst = np.argsort(-coarse_mm, kind="stable")[:_REFINED_TRIANGLES]
     return float(max(coarse_mm.max(), measure(worst, fine).max()))
+
+
+def _gaps_mm(points_mm: NDArray[np.float64], surface: Any) -> NDArray[np.float64]:
+    """Return the distances of points (n, 3) from a surface: of planes and cylinders in closed form,
+    a hundred times faster than the kernel's search.
+    """
+    from OCP.GeomAdaptor import GeomAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_Cylinder, GeomAbs_Plane
+    from OCP.gp import gp_Pnt
+
+    shape = GeomAdaptor_Surface(surface.Surface())
+    kind = shape.GetType()
+    if kind in (GeomAbs_Plane, GeomAbs_Cylinder):
+        figure = shape.Plane() if kind == GeomAbs_Plane else shape.Cylinder()
+        place, axis = figure.Location(), figure.Axis().Direction()
+        along = np.array((axis.X(), axis.Y(), axis.Z()))
+        offset = points_mm - (place.X(), place.Y(), place.Z())
+        height = offset @ along
+        if kind == GeomAbs_Plane:
+            return np.abs(height)
+        radius_mm = np.linalg.norm(offset - height[:, None] * along, axis=1)
+        return np.asarray(np.abs(radius_mm - figure.Radius()))
+    gaps = np.empty(len(points_mm))
+    for row, (x, y, z) in enumerate(points_mm.tolist()):
+        surface.ValueOfUV(gp_Pnt(x, y, z), 1e-7)
+        gaps[row] = surface.Gap()
+    return gaps

@@ -28,7 +28,8 @@ EXTRA_EXACT_RAYS = 24  # by hand, after the thinnest by mesh: fewer may miss the
 MAX_EXACT_RAYS = 2000  # by hand: more take longer on parts of many facets
 FACET_GAP_MM = 1e-4  # by hand: above rounding; larger ends the search early
 REACHES_MM = (2.0, 8.0, math.inf)  # by hand: search ranges, the next if no wall is found
-RAYS_PER_BLOCK = 256  # by hand: larger blocks overlap more triangles, smaller ones loop longer
+RAY_CELL_MM = 8.0  # by hand: near rays share a block; smaller ones leave blocks of few rays
+RAYS_PER_BLOCK = 128  # by hand: larger blocks overlap more triangles, smaller ones loop longer
 RAY_START_MM = 1e-4  # by hand: ignores the start surface; larger misses thinner walls
 # By hand, rays x triangles at once: fits the processor's cache, and is small enough (times six,
 # 2^18) for OpenBLAS to stay on one thread; several wait for each other on a busy machine.
@@ -36,41 +37,56 @@ _PAIRS_PER_BLOCK = 40_000
 _CORNER_INSET = 0.02  # by hand, share of a triangle: smaller puts samples on its edges
 
 
-def first_hit(
-    origins_mm: Field, directions: Field, corners_mm: Field, start_mm: float = RAY_START_MM
-) -> tuple[Field, NDArray[np.int64]]:
-    """Return the first hit of rays on triangles: distance (n,) in ray lengths, triangle index (n,).
+class Triangles:
+    """Triangles prepared for rays.
 
-    origins_mm, directions: (n, 3). corners_mm: (m, 3, 3) triangle, corner, axis. A miss is inf, -1.
-    Hits nearer than start_mm do not count. Edges belong to both of their triangles.
+    corners_mm: (m, 3, 3) triangle, corner, axis.
 
     Moeller and Trumbore (1997), written with the moment o x d as three matrix products.
     """
-    a = corners_mm[:, 0]
-    e1, e2 = corners_mm[:, 1] - a, corners_mm[:, 2] - a
-    normal = np.cross(e1, e2)
-    side_u = np.concatenate([-np.cross(e2, a), e2], axis=1).T
-    side_v = np.concatenate([np.cross(e1, a), -e1], axis=1).T
-    plane = np.einsum("ij,ij->i", a, normal)
-    least_det = 1e-9 * np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-    distance = np.full(len(origins_mm), np.inf)
-    index = np.full(len(origins_mm), -1, np.int64)
-    step = max(1, _PAIRS_PER_BLOCK // max(1, len(a)))
-    for low in range(0, len(origins_mm), step):
-        o, d = origins_mm[low : low + step], directions[low : low + step]
-        ray = np.concatenate([d, np.cross(o, d)], axis=1)
-        det = -(d @ normal.T)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u, v = (ray @ side_u) / det, (ray @ side_v) / det
-            t = (o @ normal.T - plane) / det
-            inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
-            inside &= (np.abs(det) > least_det) & (t > start_mm)
-        t = np.where(inside, t, np.inf)
-        nearest = np.argmin(t, axis=1)
-        nearest_t = t[np.arange(len(o)), nearest]
-        distance[low : low + step] = nearest_t
-        index[low : low + step] = np.where(np.isfinite(nearest_t), nearest, -1)
-    return distance, index
+
+    def __init__(self, corners_mm: Field) -> None:
+        a = corners_mm[:, 0]
+        e1, e2 = corners_mm[:, 1] - a, corners_mm[:, 2] - a
+        self._normal = np.cross(e1, e2)
+        self._side_u = np.concatenate([-np.cross(e2, a), e2], axis=1)
+        self._side_v = np.concatenate([np.cross(e1, a), -e1], axis=1)
+        self._plane = np.einsum("ij,ij->i", a, self._normal)
+        self._least_det = 1e-9 * np.maximum(np.linalg.norm(self._normal, axis=1), 1e-12)
+
+    def first_hit(
+        self, origins_mm: Field, directions: Field, start_mm: float = RAY_START_MM,
+        chosen: NDArray[np.int64] | None = None,
+    ) -> tuple[Field, NDArray[np.int64]]:  # fmt: skip
+        """Return the first hit of rays: distance (n,) in ray lengths, triangle (n,).
+
+        origins_mm, directions: (n, 3). A miss is inf, -1. Hits nearer than start_mm do not count.
+        Edges belong to both of their triangles. chosen: indices of the triangles to test; None:
+        all.
+        """
+        pick = slice(None) if chosen is None else chosen
+        normal, side_u, side_v = self._normal[pick].T, self._side_u[pick].T, self._side_v[pick].T
+        plane, least_det = self._plane[pick], self._least_det[pick]
+        distance = np.full(len(origins_mm), np.inf)
+        index = np.full(len(origins_mm), -1, np.int64)
+        moments = np.concatenate([directions, np.cross(origins_mm, directions)], axis=1)
+        step = max(1, _PAIRS_PER_BLOCK // max(1, len(plane)))
+        for low in range(0, len(origins_mm) if len(plane) else 0, step):
+            ray, o = moments[low : low + step], origins_mm[low : low + step]
+            det = -(ray[:, :3] @ normal)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                u, v = (ray @ side_u) / det, (ray @ side_v) / det
+                t = (o @ normal - plane) / det
+                inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9)
+                inside &= (np.abs(det) > least_det) & (t > start_mm)
+            t = np.where(inside, t, np.inf)
+            nearest = np.argmin(t, axis=1)
+            nearest_t = t[np.arange(len(o)), nearest]
+            distance[low : low + step] = nearest_t
+            index[low : low + step] = np.where(np.isfinite(nearest_t), nearest, -1)
+        if chosen is not None:
+            index[index >= 0] = chosen[index[index >= 0]]
+        return distance, index
 
 
 def samples(corners_mm: Field) -> tuple[Field, NDArray[np.int64]]:
@@ -112,6 +128,7 @@ class Walls:
 
     def __init__(self, solid: Any, mesh: Mesh) -> None:
         self._corners = mesh.corners_mm
+        self._triangles = Triangles(self._corners)
         self._outward = normals(self._corners)
         self._exact = ExactRays(solid)
         self.points_mm, self._triangle = samples(self._corners)
@@ -137,15 +154,15 @@ class Walls:
         low, high = self._corners.min(axis=1), self._corners.max(axis=1)
         distance = np.full(len(inward), np.inf)
         hit = np.full(len(inward), -1, np.int64)
-        # Rays of neighbouring triangles meet few triangles within reach.
-        order = np.argsort(self._triangle, kind="stable")
+        # Rays that start close together meet few triangles within reach.
+        cells = np.floor(self.points_mm / RAY_CELL_MM).astype(np.int64)
+        order = np.lexsort((*cells.T, *np.round(inward.T)))
         for block in np.array_split(order, math.ceil(len(order) / RAYS_PER_BLOCK)):
             start, direction = self.points_mm[block], inward[block]
             ends = np.concatenate([start, start + direction * min(reach_mm, 1e4)])
             overlap = (low <= ends.max(axis=0)) & (high >= ends.min(axis=0))
             near = np.flatnonzero(overlap.all(axis=1))
-            distance[block], local = first_hit(start, direction, self._corners[near])
-            hit[block] = np.where(local >= 0, near[local], -1)
+            distance[block], hit[block] = self._triangles.first_hit(start, direction, chosen=near)
         opposite = np.einsum("ij,ij->i", inward, self._outward[hit])
         real = np.linalg.norm(inward, axis=1) > 0
         # Facets deviate from their surface: the exact normals decide later.

@@ -56,23 +56,23 @@ def test_ray_hits_triangle_on_its_plane():
     corners = rng.uniform(-1, 1, (1, 3, 3))
     points = rng.dirichlet((1, 1, 1), 200) @ corners[0]
     origins = rng.uniform(-5, 5, (200, 3))
-    far, hit = rays.first_hit(origins, points - origins, corners)
+    far, hit = rays.Triangles(corners).first_hit(origins, points - origins)
     # A direction of full length: the hit is at 1.
     assert np.allclose(far, 1.0, atol=1e-9)
     assert (hit == 0).all()
     outside = corners[0, 0] + 1.1 * (corners[0, 1] - corners[0, 0])
     for way in (outside - origins, origins - points):
-        assert np.isinf(rays.first_hit(origins, way, corners)[0]).all()
+        assert np.isinf(rays.Triangles(corners).first_hit(origins, way)[0]).all()
 
 
 def test_rays_from_sphere_centre_measure_radius(monkeypatch):
     mesh = mesh_solid(require().Solid.makeSphere(7.0, angleDegrees1=-90), 0.01, "ball")
     way = np.random.default_rng(5).normal(size=(500, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    far, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
+    far, _ = rays.Triangles(mesh.corners_mm).first_hit(np.zeros((500, 3)), way)
     assert np.abs(far - 7.0).max() < 0.011
     monkeypatch.setattr(rays, "_PAIRS_PER_BLOCK", 7 * len(mesh.triangles))
-    again, _ = rays.first_hit(np.zeros((500, 3)), way, mesh.corners_mm)
+    again, _ = rays.Triangles(mesh.corners_mm).first_hit(np.zeros((500, 3)), way)
     assert np.allclose(again, far, rtol=1e-12)
 
 

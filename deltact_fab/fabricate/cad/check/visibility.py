@@ -15,7 +15,7 @@ from deltact_fab.sensor import LayeredPath
 from ..dimensions import Design
 from ..features import rounds_near
 from ..parts.camera import off_axis_mm
-from ..rays import first_hit
+from ..rays import Triangles
 from .built import BuiltDesign
 from .row import margin_check
 
@@ -125,10 +125,11 @@ def light_cone(model: BuiltDesign) -> Iterator[Check]:
 
     def reach() -> int:
         corners = np.concatenate([model.mesh(name).corners_mm for name in names])
+        triangles = Triangles(corners)
         blocked = np.zeros(len(direction), bool)
         for k, x, y in product(range(3), (-offset, offset), (-offset, offset)):
             start, end = points[k : k + 2]
-            distance, _ = first_hit(start + (x, y, 0.0), end - start, corners, 0.0)
+            distance, _ = triangles.first_hit(start + (x, y, 0.0), end - start, 0.0)
             blocked |= distance < 1.0
         return BORDER_RAYS - int(blocked.sum())
 
