@@ -160,7 +160,7 @@ def _export_parts(out: Path, seed: int) -> dict[str, Any]:
         rows.append(
             {
                 "part": part,
-                "formats": ", ".join(f.file.removeprefix(f"{part}.") for f in part_files),
+                "formats": ", ".join(Path(f.file).suffix[1:] for f in part_files),
                 "material": part_files[0].material,
                 "process": part_files[0].process,
                 "quantity": part_files[0].quantity,

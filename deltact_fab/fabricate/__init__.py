@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     # fmt: off
     from .cad.assembly import assemble_bench, assemble_sensor
     from .cad.build import build_named_part
-    from .cad.check import check_design
     from .cad.check.arithmetic import EVEN_LIGHT_SHARE, illuminance
     from .cad.check.row import shorten_key
+    from .cad.check.verdict import judge_design
     from .cad.design import load_cameras, load_design
     from .cad.dimensions import Design
     from .cad.export import export_parts

@@ -25,6 +25,7 @@ from deltact_fab.common import (
     write_page,
 )
 
+from .cad.check.verdict import DesignVerdict, judge_design
 from .cad.design import load_indenters
 from .cad.dimensions import Design
 from .cad.drafting.wiring import wiring
@@ -105,19 +106,24 @@ def write_guide(
     *,
     examples: Examples,
     pictures: Pictures | None = None,
+    verdict: DesignVerdict | None = None,
+    force: bool = False,
 ) -> Path:
-    """Write the guide of a design to one self-contained file.
+    """Write the guide of a design to one self-contained file, headed by the verdict of its checks.
 
     progress: called with (done, total, text). examples: simulated images of a good and a faulty
-    print and sensor. pictures: ready-made ones. Without the CAD kernel the page has no pictures
-    and 3D view and names the package to install. Raises InputError for a failed rule or a count
-    below 1, MissingLibrary without the extra `report` or shapely, RunFailed if a part cannot be
-    built or written.
+    print and sensor. pictures: ready-made ones. verdict: that of the design; None: of all checks,
+    cached. force: write the guide of a design that fails, marked as not to be built. Without the
+    CAD kernel the page has no pictures and 3D view and names the package to install. Raises
+    InputError for a failed rule or a count below 1, MissingLibrary without the extra `report` or
+    shapely, RunFailed if a check fails, or a part cannot be built or written.
     """
     require_pages()
     require_extra("cad", "the guide's wiring diagram", "shapely")
     tell = progress or (lambda *_: None)
     lines = bom.bom_lines(design, sensors)
+    verdict = verdict or judge_design(design, "design", tell)
+    verdict.require(force)
     parts = list_parts(design=design)
     if pictures is None:
         try:
@@ -128,7 +134,7 @@ def write_guide(
     return write_page(
         out,
         "guide.html",
-        _guide_checks(design, pictures, pattern),
+        _guide_checks(design, verdict, pictures, pattern),
         d=design,
         sensors=sensors,
         parts=parts,
@@ -167,9 +173,11 @@ def write_guide(
     )
 
 
-def _guide_checks(design: Design, pictures: Pictures, pattern: PatternToPrint) -> Iterator[Check]:
+def _guide_checks(
+    design: Design, verdict: DesignVerdict, pictures: Pictures, pattern: PatternToPrint
+) -> Iterator[Check]:
     """Yield the checks at the top of the page."""
-    yield Check("rules", value="All design rules pass.")
+    yield from verdict.findings()
     if n := len(design.unverified()):
         text = (
             f"{n} dimensions are assumed, not measured: measure yours before you print (list in "

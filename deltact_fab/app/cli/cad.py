@@ -47,6 +47,11 @@ SENSORS_OPTION = click.option(
 )  # fmt: skip
 
 
+FORCE_OPTION = click.option(
+    "--force", is_flag=True, help="Write a design that fails, marked as not to be built.",
+)  # fmt: skip
+
+
 def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
     """Load the design with its changes. Raises InputError if a design rule fails."""
     from deltact_fab.fabricate import check_feasible, load_design
@@ -159,20 +164,14 @@ def show(part: str, design: str, changes: tuple[str, ...]) -> Answer:
 @answers
 def check(design: str, changes: tuple[str, ...]) -> Answer:
     """Check the whole design on its solids; exit code 1 if a check fails."""
-    from deltact_fab.fabricate import check_design, load_design, shorten_key
+    from deltact_fab.fabricate import judge_design, load_design, shorten_key
 
     with progress("cad check") as tell:
-        rows = check_design(load_design(design, changes), tell, cached=True)
-    passed = [row for row in rows if row.status == "pass"]
-    unverified = sum(bool(row.basis) for row in passed)
-    summary = (
-        f"{len(passed)}/{len(rows)} checks passed; {unverified} of them depend on unverified values"
-    )
+        verdict = judge_design(load_design(design, changes), design, tell)
+    rows = verdict.rows
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
     short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)
-    failed = sum(row.failed for row in rows)
-    failure = f"{design}: {failed}/{len(rows)} checks failed" if failed else None
-    return Answer(data, [*check_lines(short_rows), "", summary], failure)
+    return Answer(data, [*check_lines(short_rows), "", verdict.text], verdict.failure)
 
 
 @cad.command(epilog="Example: deltact-fab cad export sensor sphere:12.5 --out parts")
@@ -182,43 +181,64 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
               help="Formats, comma-separated; each part is written in those for it.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=float, default=0.01, metavar="MM",
               help="Largest distance of a mesh from the true surface.")  # fmt: skip
+@FORCE_OPTION
 @out_folder("Folder to write into.", default=Path("cad-out"))
 @JOBS_OPTION
 @answers
 def export(
     parts: tuple[str, ...], design: str, changes: tuple[str, ...], formats: str,
-    tolerance_mm: float, out: Path, jobs: int | None,
+    tolerance_mm: float, force: bool, out: Path, jobs: int | None,
 ) -> Answer:  # fmt: skip
-    """Write each PART and the assembly, with a manifest.json; without PART, everything.
+    """Write each PART and the assembly, with an index page; without PART, everything to order.
+
+    Files lie in a folder per process: print, laser, machine, order, assembly. A design that fails
+    its checks is refused: with PART its rules and the solids of these parts, else all of `cad
+    check`.
 
     A PART is a name of `cad list`, a group (sensor, electronics, tools, bench, indenters), or an
     indenter as in a protocol: sphere:10, 4dots. Assembly and wiring are written with the complete
     sensor. STEP is for the machine shop, STL or 3MF for the printer, DXF for the laser, GLB
     for a 3D viewer; drawings are PDF and SVG.
     """
-    from deltact_fab.fabricate import export_parts, select_parts
+    from deltact_fab.fabricate import export_parts, judge_design, select_parts
 
     dims, chosen = load_feasible(design, changes), select_parts(parts)
+    with progress("cad check") as tell:
+        verdict = judge_design(dims, design, tell, chosen if parts else None)
     with progress("cad export") as tell:
-        files = export_parts(dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs)
+        files = export_parts(
+            dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs, verdict=verdict,
+            force=force,
+        )  # fmt: skip
     plain = [asdict(f) for f in files]
-    summary = f"{len(files)} files and manifest.json in {out}"
+    summary = f"{len(files)} files, manifest.json and index.html in {out}"
     lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
-    return Answer(plain, [*lines, "", summary])
+    return Answer(plain, [f"{design}: {verdict.text}", "", *lines, "", summary])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")
 @design_options
 @SENSORS_OPTION
+@FORCE_OPTION
 @out_file("File to write, .csv or .json, instead of printing.")
 @answers
-def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -> Answer:
-    """Write the bill of materials: parts, silicone, screws and electronics for several sensors."""
-    from deltact_fab.fabricate import bom_lines
+def bom(
+    design: str, changes: tuple[str, ...], sensors: int, force: bool, out: Path | None
+) -> Answer:
+    """Write the bill of materials: parts, silicone, screws and electronics for several sensors.
+
+    Its first line, item 0, is the verdict of `cad check` on the design.
+    """
+    from deltact_fab.fabricate import bom_lines, judge_design
 
     if out is not None and out.suffix not in (".csv", ".json"):
         raise InputError(f"-o {out}: must end in .csv or .json")
-    bill = bom_lines(load_feasible(design, changes), sensors)
+    dims = load_feasible(design, changes)
+    bill = bom_lines(dims, sensors)
+    with progress("cad check") as tell:
+        verdict = judge_design(dims, design, tell)
+    verdict.require(force)
+    bill = bill.headed(verdict.failure or verdict.text)
     plain = [asdict(line) for line in bill]
     if out is not None:
         text = bill.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"
@@ -226,7 +246,7 @@ def bom(design: str, changes: tuple[str, ...], sensors: int, out: Path | None) -
         return file_note(out)
     columns = ("item", "part", "material", "process", "quantity", "unit", "note")
     rows = [
-        (*(line[c] for c in columns), str(item.source or "made here"))
+        (*(line[c] for c in columns), str(item.source or ("made here" if item.item else "")))
         for line, item in zip(plain, bill, strict=True)
     ]
     return Answer(plain, table((*columns, "to order"), rows))
@@ -259,13 +279,22 @@ def fit(readings: Path, design: str, out: Path | None) -> Answer:
 @cad.command(epilog="Example: deltact-fab cad guide --sensors 4 -o guide.html")
 @design_options
 @SENSORS_OPTION
+@FORCE_OPTION
 @out_file("Page to write.", default=Path("guide.html"))
 @answers
-def guide(design: str, changes: tuple[str, ...], sensors: int, out: Path) -> Answer:
-    """Write the fabrication guide of a design, one offline page: print, cast, wire, assemble."""
-    from deltact_fab.fabricate import write_guide
+def guide(design: str, changes: tuple[str, ...], sensors: int, force: bool, out: Path) -> Answer:
+    """Write the fabrication guide of a design, one offline page: print, cast, wire, assemble.
+
+    Its head is the verdict of `cad check` on the design.
+    """
+    from deltact_fab.fabricate import judge_design, write_guide
     from deltact_fab.present import render_examples
 
     dims = load_feasible(design, changes)
+    with progress("cad check") as tell:
+        verdict = judge_design(dims, design, tell)
     with progress("cad guide") as tell:
-        return file_note(write_guide(dims, out, sensors, tell, examples=render_examples))
+        page = write_guide(
+            dims, out, sensors, tell, examples=render_examples, verdict=verdict, force=force
+        )
+    return file_note(page)

@@ -161,8 +161,8 @@ def _gaps_mm(points_mm: NDArray[np.float64], surface: Any) -> NDArray[np.float64
     """Return the distances of points (n, 3) from a surface: of planes and cylinders in closed form,
     a hundred times faster than the kernel's search.
     """
-    from OCP.GeomAdaptor import GeomAdaptor_Surface
     from OCP.GeomAbs import GeomAbs_Cylinder, GeomAbs_Plane
+    from OCP.GeomAdaptor import GeomAdaptor_Surface
     from OCP.gp import gp_Pnt
 
     shape = GeomAdaptor_Surface(surface.Surface())

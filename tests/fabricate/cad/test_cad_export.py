@@ -6,15 +6,18 @@ import dataclasses
 import json
 import subprocess
 import sys
+from hashlib import sha256
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from deltact_fab.app.cli.cad import cad
-from deltact_fab.common import cache
+from deltact_fab.common import Check, cache
 from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.fabricate.cad import export as batch
 from deltact_fab.fabricate.cad import registry
+from deltact_fab.fabricate.cad.check.verdict import DesignVerdict
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.drafting.wiring import wiring
@@ -26,6 +29,7 @@ from deltact_fab.sensor.shapes.sensor import FrameDimensions
 DESIGN = load_design()
 THICK = load_design(changes=["optics.acrylic_mm=3"])
 KINDS = ("step", "stl", "3mf", "dxf", "glb")
+PASSED = DesignVerdict("mine", (Check("a", value="1", limit="2"),))
 SENSOR = [part.name for part in registry.parts_of_group("sensor")]
 
 
@@ -50,22 +54,22 @@ def _export(names, kinds, folder, **options):
 
 
 def test_assembly_needs_whole_sensor(tmp_path):
-    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path)}
-    assert names == {f"{name}.glb" for name in SENSOR[1:]}
+    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path, verdict=PASSED)}
+    assert {Path(name).name for name in names} == {f"{name}.glb" for name in SENSOR[1:]}
 
 
 @pytest.mark.slow
 def test_wiring_is_exported_with_sensor(tmp_path, store_of_its_own):
     files = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "a")}
-    assert {"wiring.svg", "wiring.pdf"} <= set(files)
-    assert "assembly.step" not in files
+    assert {"assembly/wiring.svg", "assembly/wiring.pdf"} <= set(files)
+    assert "assembly/assembly.step" not in files
     page = wiring(DESIGN)
-    assert (tmp_path / "a" / "wiring.svg").read_text() == page.svg()
-    assert (tmp_path / "a" / "wiring.pdf").read_bytes() == page.pdf()
+    assert (tmp_path / "a" / "assembly" / "wiring.svg").read_text() == page.svg()
+    assert (tmp_path / "a" / "assembly" / "wiring.pdf").read_bytes() == page.pdf()
     again = {f.file: f for f in _export(["sensor"], ["svg", "pdf"], tmp_path / "b")}
     assert again == files
     some = _export(["acrylic", "led-strip"], ["svg", "dxf"], tmp_path / "c")
-    assert {f.file for f in some} == {"acrylic.svg", "acrylic.dxf"}
+    assert {f.file for f in some} == {"laser/acrylic.svg", "laser/acrylic.dxf"}
 
 
 def test_applicable_formats():
@@ -94,7 +98,9 @@ def test_cached_export_is_identical(exported, tmp_path, monkeypatch):
     assert calls == [(1, 1, "cache"), (1, 1, "done")]
     assert _bytes(tmp_path / "o") == _bytes(exported)
     with pytest.raises(AssertionError, match="made again"):
-        export_parts(THICK, registry.select_parts(["acrylic"]), ["step"], 0.01, tmp_path, jobs=1)
+        export_parts(
+            THICK, registry.select_parts(["acrylic"]), ["step"], 0.01, tmp_path, verdict=PASSED
+        )
 
 
 def test_damaged_entries_are_made_again(exported, tmp_path):
@@ -106,8 +112,8 @@ def test_damaged_entries_are_made_again(exported, tmp_path):
         middle = (data.index(b"\n") + len(data)) // 2
         path.write_bytes(data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :])
     _export(["acrylic"], KINDS, tmp_path)
-    for path in tmp_path.glob("acrylic.*"):
-        assert path.read_bytes() == (exported / path.name).read_bytes()
+    for path in tmp_path.glob("laser/acrylic.*"):
+        assert path.read_bytes() == (exported / "laser" / path.name).read_bytes()
     healed = [path for path, data in kept.items() if path.read_bytes() == data]
     assert len(healed) == len(KINDS)
     for path, data in kept.items():
@@ -119,8 +125,8 @@ def test_unwritable_or_disabled_cache_is_ignored(exported, tmp_path, monkeypatch
     for store, cached in (("store", True), ("absent", False)):
         monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / store))
         _export(["acrylic"], ["step"], tmp_path / "o", cached=cached)
-        step = (tmp_path / "o" / "acrylic.step").read_bytes()
-        assert step == (exported / "acrylic.step").read_bytes()
+        step = (tmp_path / "o" / "laser" / "acrylic.step").read_bytes()
+        assert step == (exported / "laser" / "acrylic.step").read_bytes()
     assert not (tmp_path / "absent").exists()
 
 
@@ -175,18 +181,19 @@ def test_late_failure_leaves_folder_unchanged(tmp_path, monkeypatch):
     export_parts(DESIGN, registry.select_parts(["skin"]), ["stl"], 0.1, tmp_path)
     yesterdays = _bytes(tmp_path)
     for folder in (tmp_path, tmp_path / "new" / "one"):
-        with pytest.raises(RunFailed, match=r"^skin-frame: bounding box"):
+        with pytest.raises(RunFailed, match="skin-frame: bounding box"):
             _export(["skin", "skin-frame"], ["stl"], folder, cached=False)
     assert _bytes(tmp_path) == yesterdays
-    assert set(yesterdays) == {"skin.stl", "manifest.json"}
+    assert set(yesterdays) == {"assembly/skin.stl", "manifest.json", "index.html"}
 
 
 # A folder that holds something already.
 
 
 def _bytes(folder):
-    """What a folder holds, a folder in it as None."""
-    return {p.name: p.read_bytes() if p.is_file() else None for p in folder.iterdir()}
+    """What a folder holds, by path."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 def _listed(folder):
@@ -198,24 +205,75 @@ def _listed(folder):
 def test_stale_files_go_changed_stay(tmp_path):
     _export(["acrylic", "cover", "skin"], ["step"], tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
-    (tmp_path / "cover.step").write_text("mine now")
+    (tmp_path / "print" / "cover.step").write_text("mine now")
     _export(["acrylic"], ["dxf"], tmp_path)
-    assert set(_listed(tmp_path)) == {"acrylic.dxf"}
-    left = {"acrylic.dxf", "cover.step", "manifest.json", "notes.txt"}
-    assert {path.name for path in tmp_path.iterdir()} == left
-    (tmp_path / "manifest.json").write_text('{"files": [{"file": "../x", "sha256": 1}]}')
+    assert set(_listed(tmp_path)) == {"laser/acrylic.dxf"}
+    left = {"laser/acrylic.dxf", "print/cover.step", "manifest.json", "index.html", "notes.txt"}
+    assert set(_bytes(tmp_path)) == left
+    beside = tmp_path.parent / "x"
+    beside.write_text("")
+    digest = sha256(b"").hexdigest()
+    (tmp_path / "manifest.json").write_text(
+        f'{{"files": [{{"file": "../x", "sha256": "{digest}"}}]}}'
+    )
     _export(["cover"], ["step"], tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == left
-    assert (tmp_path / "cover.step").read_bytes() != b"mine now"
+    assert beside.exists()
+    assert set(_bytes(tmp_path)) == left
+    assert (tmp_path / "print" / "cover.step").read_bytes() != b"mine now"
 
 
 def test_folder_in_place_of_file_fails(tmp_path):
     _export(["acrylic", "cover"], ["step"], tmp_path)
-    (tmp_path / "acrylic.dxf").mkdir()
+    (tmp_path / "laser" / "acrylic.dxf").mkdir()
     before = _bytes(tmp_path)
     with pytest.raises(RunFailed, match=r"acrylic\.dxf: cannot be written: Is a directory"):
         _export(["acrylic"], ["step", "dxf"], tmp_path)
     assert _bytes(tmp_path) == before
+
+
+# Designs that fail.
+
+
+TIGHT = load_design(changes=["plate.fit_mm=0.02"])
+
+
+def test_failing_design_needs_force(tmp_path):
+    parts = registry.select_parts(["acrylic"])
+    with pytest.raises(RunFailed, match=r"4/\d+ checks failed; --force .* plate in its pocket"):
+        export_parts(TIGHT, parts, ["svg"], 0.01, tmp_path / "o")
+    assert not (tmp_path / "o").exists()
+    export_parts(TIGHT, parts, ["svg"], 0.01, tmp_path / "o", force=True)
+    written = _bytes(tmp_path / "o")
+    marked = ("index.html", "laser/acrylic.svg", "NOT-TO-BE-BUILT.txt")
+    assert all(b"NOT TO BE BUILT" in written[name] for name in marked)
+    assert json.loads(written["manifest.json"])["verdict"].startswith("design: 4/")
+    export_parts(DESIGN, parts, ["svg"], 0.01, tmp_path / "o")
+    mended = _bytes(tmp_path / "o")
+    assert "NOT-TO-BE-BUILT.txt" not in mended
+    assert not any(b"NOT TO BE BUILT" in data for data in mended.values())
+    assert b"run `cad check` for the whole" in mended["index.html"]
+
+
+def test_solids_of_exported_parts_count(tmp_path):
+    thin = load_design(changes=["light.diffuser_mm=0.5"])
+    with pytest.raises(RunFailed, match=r"wall thickness, light-holder: 0.500 mm"):
+        export_parts(thin, registry.select_parts(["light-holder"]), ["svg"], 0.01, tmp_path / "o")
+    export_parts(thin, registry.select_parts(["acrylic"]), ["svg"], 0.01, tmp_path / "o")
+
+
+def test_whole_export_is_an_order(tmp_path):
+    parts = registry.select_parts(["acrylic", "screw", "stage-plate"])
+    export_parts(DESIGN, parts, ["step"], 0.01, tmp_path, verdict=PASSED)
+    written = _bytes(tmp_path)
+    folders = {"laser/acrylic.step", "order/screw.step", "machine/stage-plate.step"}
+    assert folders <= set(written)
+    _, head, *lines = written["order/bom.csv"].decode().splitlines()
+    assert head.startswith("0,verdict,cad check")
+    assert "1/1 checks passed" in head
+    assert len(lines) > 40
+    page = written["index.html"].decode()
+    assert page.index("mine: 1/1 checks passed") < page.index("laser/acrylic.step")
+    assert 'href="order/bom.csv"' in page
 
 
 def test_ctrl_c_leaves_nothing(tmp_path, monkeypatch):

@@ -11,6 +11,7 @@ from deltact_fab.app.cli.main import main
 from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad import parts
 from deltact_fab.fabricate.cad.check import check_design
+from deltact_fab.fabricate.cad.check.verdict import DesignVerdict
 from deltact_fab.fabricate.cad.design import IndenterList, load_design
 from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.fabrication import bom
@@ -43,10 +44,14 @@ def test_new_part_appears_everywhere(shim, tmp_path):
     files = export_parts(
         design, [shim], ("step", "stl", "3mf", "svg"), 0.05, tmp_path / "out", cached=False
     )
-    assert {f.file for f in files} == {"shim.step", "shim.stl", "shim.3mf", "shim.svg"}
-    assert "Flat." in (tmp_path / "out" / "shim.svg").read_text()
+    assert {f.file for f in files} == {
+        f"print/shim.{kind}" for kind in ("step", "stl", "3mf", "svg")
+    }
+    assert "Flat." in (tmp_path / "out" / "print" / "shim.svg").read_text()
     file = tmp_path / "guide.html"
-    page = guide.write_guide(design, file, examples=pairs, pictures=guide.Pictures()).read_text()
+    page = guide.write_guide(
+        design, file, examples=pairs, pictures=guide.Pictures(), verdict=DesignVerdict("mine", ())
+    ).read_text()
     assert "flat on the platform" in page
     assert "no warp" in page
 

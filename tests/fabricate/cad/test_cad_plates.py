@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def exported(tmp_path_factory):
     parts = registry.select_parts(NAMES)
     export_parts(DESIGN, parts, ("stl",), TOLERANCE_MM, folder, cached=False, jobs=1)
     entries = json.loads((folder / "manifest.json").read_text())["files"]
-    return folder, {entry["file"]: entry for entry in entries}
+    return folder, {Path(entry["file"]).name: entry for entry in entries}
 
 
 @pytest.mark.parametrize("down", ["-z", "+z"])

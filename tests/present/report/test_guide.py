@@ -8,16 +8,18 @@ import json
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 from seen_page import SeenPage, offline
 
-from deltact_fab.common import validate
-from deltact_fab.common.errors import InputError, MissingLibrary
+from deltact_fab.common import Check, cache, validate
+from deltact_fab.common.errors import InputError, MissingLibrary, RunFailed
 from deltact_fab.fabricate import guide
 from deltact_fab.fabricate.cad import kernel
+from deltact_fab.fabricate.cad.check.verdict import DesignVerdict, judge_design
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.dimensions import Design
 from deltact_fab.fabricate.cad.export.meshes import AT_ORIGIN, glb_bytes, shaded_mesh
@@ -40,6 +42,11 @@ DRAWN = Pictures(
 )
 
 
+MADE: dict[str, Any] = {
+    "examples": pairs, "pictures": DRAWN, "verdict": DesignVerdict("mine", (Check("all"),))
+}  # fmt: skip
+
+
 @pytest.fixture(autouse=True)
 def _one_sticker_a_view(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pattern's pictures take most of a page's time, and follow from what the camera sees."""
@@ -54,23 +61,34 @@ def _drawn(design: Design) -> PatternToPrint:
 
 
 def page(out: Path, *changes: str, design: str = "deltact", sensors: int = 1) -> SeenPage:
-    return SeenPage(
-        write_guide(
-            load_design(design, changes), out, sensors, examples=pairs, pictures=DRAWN
-        ).read_text()
-    )
+    return SeenPage(write_guide(load_design(design, changes), out, sensors, **MADE).read_text())
 
 
 def test_guide_is_offline_and_anchors_resolve(tmp_path: Path) -> None:
-    file = write_guide(load_design(), tmp_path / "guide.html", examples=pairs, pictures=DRAWN)
+    file = write_guide(load_design(), tmp_path / "guide.html", **MADE)
     seen, beside = offline(file.read_text())
     assert beside == set()
     assert {link[1:] for link in seen.links if link.startswith("#")} <= set(seen.ids)
     # The exploded view, the bench, the wiring, and the pattern with good and spoiled ones.
     assert seen.tags.count("img") == 8 + len(list_parts()) + len(guide.ASSEMBLY_STEPS)
     assert seen.tags.count("iframe") == 1
-    again = write_guide(load_design(), tmp_path / "again.html", examples=pairs, pictures=DRAWN)
+    again = write_guide(load_design(), tmp_path / "again.html", **MADE)
     assert again.read_bytes() == file.read_bytes()
+
+
+def test_guide_of_failing_design_says_so(tmp_path: Path) -> None:
+    tight = load_design(changes=["plate.fit_mm=0.02"])
+    made = {**MADE, "verdict": judge_design(tight, "tight", parts=())}
+    with pytest.raises(
+        RunFailed, match=r"tight: 4/.* checks failed; --force .* plate in its pocket"
+    ):
+        write_guide(tight, tmp_path / "guide.html", **made)
+    assert not (tmp_path / "guide.html").exists()
+    text = write_guide(tight, tmp_path / "guide.html", **made, force=True).read_text()
+    head = text[text.index('<div class="verdict') : text.index("Work from top to bottom")]
+    assert 'class="verdict fail"' in head
+    assert head.index("NOT TO BE BUILT: tight: 4/") < head.index("plate in its pocket, x: -0.160")
+    assert "plate.fit_mm: 0.1 or more" in head
 
 
 def test_steps_are_in_order(tmp_path: Path) -> None:
@@ -176,7 +194,9 @@ def test_missing_kernel_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         raise MissingLibrary("the CAD kernel cannot load: libGL.so.1; apt-get install libgl1")
 
     monkeypatch.setattr(kernel, "require", missing)
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "empty"))
     seen = SeenPage(write_guide(load_design(), tmp_path / "guide.html", examples=pairs).read_text())
+    assert "12 skipped: the CAD kernel cannot load: libGL.so.1" in seen.text
     assert "No pictures and no 3D view: the CAD kernel cannot load: libGL.so.1" in seen.text
     # The wiring drawing and the pattern need no kernel.
     assert seen.tags.count("img") == 6
@@ -199,9 +219,9 @@ def test_view_is_the_offline_model() -> None:
 def test_unwritable_guide_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="file: cannot be made"):
-        write_guide(load_design(), tmp_path / "file" / "guide.html", examples=pairs, pictures=DRAWN)
+        write_guide(load_design(), tmp_path / "file" / "guide.html", **MADE)
     with pytest.raises(InputError, match="sensors 0"):
-        write_guide(load_design(), tmp_path / "guide.html", 0, examples=pairs, pictures=DRAWN)
+        write_guide(load_design(), tmp_path / "guide.html", 0, **MADE)
 
 
 @pytest.mark.slow

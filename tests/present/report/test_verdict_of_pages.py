@@ -16,7 +16,8 @@ from made_up_study import study
 from deltact_fab.bench.record.run import Run, open_run
 from deltact_fab.common.checks import Check
 from deltact_fab.common.templating import page_verdict
-from deltact_fab.fabricate import guide
+from deltact_fab.fabricate import export_parts, guide, select_parts
+from deltact_fab.fabricate.cad.check.verdict import DesignVerdict
 from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.patterns import series as job
 from deltact_fab.present.report import index_page, numerics_page, page, patterns_page, study_page
@@ -108,15 +109,39 @@ def rehearsal(warned: bool, out: Path, _: Any) -> Path:
 
 
 def fabrication_guide(warned: bool, out: Path, _: Any) -> Path:
+    drawn = guide.Pictures(note=TOLD if warned else "")
+    return guide.write_guide(
+        measured(), out / "guide.html", examples=pairs, pictures=drawn,
+        verdict=DesignVerdict("mine", (Check("a"),)),
+    )  # fmt: skip
+
+
+def failing_guide(warned: bool, out: Path, _: Any) -> Path:
+    return guide.write_guide(
+        measured(), out / "guide.html", examples=pairs,
+        pictures=guide.Pictures(), verdict=verdict(warned), force=True,
+    )  # fmt: skip
+
+
+def verdict(fails: bool) -> DesignVerdict:
+    return DesignVerdict("mine", (Check("a", TOLD, status="fail" if fails else "pass"),))
+
+
+def export_index(warned: bool, out: Path, _: Any) -> Path:
+    parts = select_parts(["acrylic"])
     design = load_design()
-    measured = {
+    export_parts(design, parts, ["svg"], 0.01, out, verdict=verdict(warned), force=True)
+    return out / "index.html"
+
+
+def measured() -> Any:
+    """The design with every dimension measured."""
+    design = load_design()
+    sections = {
         name: replace(getattr(design, name), measured=tuple(keys))
         for name, keys in unverified(design).items()
     }
-    drawn = guide.Pictures(note=TOLD if warned else "")
-    return guide.write_guide(
-        replace(design, **measured), out / "guide.html", examples=pairs, pictures=drawn
-    )
+    return replace(design, **sections)
 
 
 def unverified(design: Any) -> dict[str, list[str]]:
@@ -137,7 +162,8 @@ def level(written: Path) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("make", "says"),
     [(run, TOLD), (imported, TOLD), (made_up_study, TOLD), (index, "1 of 1 is"), (numerics, TOLD),
-     (patterns, "resolves 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD)],
+     (patterns, "resolves 1 of 2"), (rehearsal, TOLD), (fabrication_guide, TOLD),
+     (failing_guide, TOLD), (export_index, TOLD)],
 )  # fmt: skip
 def test_a_warning_reaches_the_verdict_once(
     make: Any, says: str, tmp_path: Path, warned_run: Callable[[bool], Path]

@@ -41,6 +41,8 @@ def soundness(model: BuiltDesign) -> Iterator[Check]:
     """Check solids and meshes, one row per group of parts with the faults by part."""
     for group in PART_GROUPS:
         names = [part.name for part in model.parts if part.group == group]
+        if not names:
+            continue
         wrong, triangles = [], 0
         for name in names:
             try:

@@ -92,8 +92,10 @@ class Layout:
         return max(free, key=lambda r: min(r[2] - r[0], r[3] - r[1]))
 
 
-def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
+def drawing(part: Part, design: Design, solid: Any, document: str = "part drawing") -> DrawingPage:
     """Draw a part from its built solid. Same dimensions, same page.
+
+    document: kind of document in the title block.
 
     Raises InputError for a part without a drawing, and where no standard scale fits it on A3;
     RunFailed when the CAD kernel fails.
@@ -113,7 +115,7 @@ def drawing(part: Part, design: Design, solid: Any) -> DrawingPage:
     page = DrawingPage(FORMATS_MM[layout.sheet], f"{part.name}, {layout.scale}")
     cells = {
         "Material": part.material, "Process": part.process, "Quantity": str(part.quantity),
-        "General tolerances": general, "Scale": layout.scale, "Document": "part drawing",
+        "General tolerances": general, "Scale": layout.scale, "Document": document,
         "Belongs to": _group_text(part),
     }  # fmt: skip
     draw_frame(page, layout.sheet, part.name, design.drawing, cells)

@@ -16,6 +16,7 @@ from typing import Any
 
 from deltact_fab.common import (
     InputError,
+    MissingLibrary,
     Progress,
     RunFailed,
     Store,
@@ -28,15 +29,18 @@ from deltact_fab.common import (
 
 from .. import feasibility
 from ..build import cad_cache_key, part_key
+from ..check.verdict import FORBIDDEN, DesignVerdict, judge_design
 from ..dimensions import Design
-from ..part import Part
+from ..fabrication.bom import bom_lines
+from ..part import BOUGHT_PROCESS, Part
 from ..registry import parts_of_group
-from . import meshes
+from . import index, meshes
 from .part_files import (
     ASSEMBLY_NAME,
     DRAWING_FORMATS,
     EXPORT_FORMATS,
     MESH_FORMATS,
+    PROCESS_FOLDERS,
     ExportTask,
     FileData,
     PartFile,
@@ -47,6 +51,8 @@ from .part_files import (
 )
 
 MANIFEST_FILE = "manifest.json"
+WARNING_FILE = "NOT-TO-BE-BUILT.txt"
+BOM_FILE = f"{PROCESS_FOLDERS[BOUGHT_PROCESS]}/bom.csv"
 TOLERANCE_MM = (0.001, 1.0)  # by hand: finer meshes exceed memory, coarser ones look faceted
 MAX_JOBS = 4  # by hand: each takes 500 MB
 # By hand: fewer parts are not worth a worker, which first loads the kernel (4 s, 500 MB).
@@ -67,8 +73,10 @@ def export_parts(
     *,
     cached: bool = True,
     jobs: int | None = None,
+    verdict: DesignVerdict | None = None,
+    force: bool = False,
 ) -> list[PartFile]:
-    """Write every part in every format that applies to it, and manifest.json, into out_dir.
+    """Write every part in every format that applies to it, with manifest.json and index.html.
 
     formats: of EXPORT_FORMATS; None: all.
     tolerance_mm: largest distance of a mesh from the surface, verified by measurement.
@@ -76,14 +84,18 @@ def export_parts(
     cached: use and fill the user's cache of files by dimensions, code and kernel version; when no
     file is missing the kernel is not loaded.
     jobs: processes; None: chosen by the number of missing files.
+    verdict: of the design; None: of its rules and the solids of these parts. With a verdict of the
+    whole design the bill of materials is written too. force: write a design that fails, marked as
+    not to be built.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written if parts include the whole
-    sensor. Files of the same name are replaced, and unchanged files of an earlier export (by its
-    manifest) that are not written again are removed; other files stay.
+    sensor, index.html with the extra `report`; each process has a folder. Files of the same name
+    are replaced, and unchanged files of an earlier export (by its manifest) that are not written
+    again are removed; other files stay.
 
     Returns the written files: the assembly first, then by part. All files appear at once, or none.
-    Raises InputError for unusable arguments or dimensions; RunFailed when a part cannot be made, a
-    file cannot be written, a worker dies, or on Ctrl-C.
+    Raises InputError for unusable arguments or dimensions; RunFailed when a check fails, a part
+    cannot be made, a file cannot be written, a worker dies, or on Ctrl-C.
     """
     kinds = EXPORT_FORMATS if formats is None else checked_formats(formats)
     out_dir = Path(out_dir)
@@ -106,6 +118,10 @@ def export_parts(
     if sensor and (together := tuple(k for k in kinds if k in ("step", *DRAWING_FORMATS))):
         tasks.insert(0, ExportTask(sensor, together, design, tolerance_mm))
     check_writable(out_dir, folder=True)
+    verdict = verdict or judge_design(design, "design", None, unique, cached)
+    verdict.require(force)
+    if verdict.failed:
+        tasks = [replace(task, document=FORBIDDEN) for task in tasks]
     tell = progress or (lambda count, total, step: None)
     results = _load_or_make(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
@@ -114,22 +130,52 @@ def export_parts(
     results.sort(key=lambda result: EXPORT_FORMATS.index(_kind(result[0])))
     results.sort(key=lambda result: (result[0].part != ASSEMBLY_NAME, result[0].part))
     files = [_rounded_entry(entry) for entry, _ in results]
-    contents = {out_dir / entry.file: data for entry, data in results}
-    manifest = json.dumps({"files": [asdict(entry) for entry in files]}, indent=2) + "\n"
-    contents[out_dir / MANIFEST_FILE] = manifest.encode()
-    make_folder(out_dir)
-    write_files(contents, _unchanged_files(out_dir) - {*contents}, RunFailed)
+    contents = {entry.file: data for entry, data in results}
+    pages = _pages(design, list(unique), files, verdict)
+    listed = {
+        "verdict": verdict.failure or verdict.text,
+        "files": [asdict(entry) for entry in files],
+        "pages": [{"file": name, "sha256": sha256(data).hexdigest()} for name, data in pages],
+    }
+    manifest = (json.dumps(listed, indent=2) + "\n").encode()
+    contents |= {**dict(pages), MANIFEST_FILE: manifest}
+    make_folder(out_dir, *{Path(name).parent.as_posix() for name in contents})
+    paths = {out_dir / name: data for name, data in contents.items()}
+    write_files(paths, _unchanged_files(out_dir) - {*paths}, RunFailed)
     tell(len(tasks), len(tasks), "done")
     return files
+
+
+def _pages(
+    design: Design, parts: Sequence[Part], files: Sequence[PartFile], verdict: DesignVerdict
+) -> list[tuple[str, bytes]]:
+    """Return the pages beside the parts' files: the order, the warning, the index."""
+    pages = []
+    if verdict.whole:
+        bill = bom_lines(design).headed(verdict.failure or verdict.text)
+        pages.append((BOM_FILE, bill.csv().encode()))
+    if verdict.failed:
+        text = "\n".join(str(row.value) for row in verdict.findings())
+        pages.append((WARNING_FILE, f"{text}\n".encode()))
+    with suppress(MissingLibrary):
+        page = index.render_index(parts, files, [name for name, _ in pages], verdict)
+        pages.append((index.INDEX_FILE, page.encode()))
+    return pages
 
 
 def _unchanged_files(folder: Path) -> set[Path]:
     """Return unchanged files of an earlier export, so that no folder mixes two designs."""
     unchanged = set()
     with suppress(OSError, ValueError, KeyError, TypeError):  # no manifest, or a foreign one
-        for entry in json.loads((folder / MANIFEST_FILE).read_text())["files"]:
-            path = folder / Path(entry["file"]).name
-            if path.is_file() and sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
+        manifest = json.loads((folder / MANIFEST_FILE).read_text())
+        for entry in (*manifest["files"], *manifest.get("pages", ())):
+            path = folder / entry["file"]
+            inside = path.resolve().is_relative_to(folder.resolve())
+            if (
+                inside
+                and path.is_file()
+                and sha256(path.read_bytes()).hexdigest() == entry["sha256"]
+            ):
                 unchanged.add(path)
     return unchanged
 
@@ -172,6 +218,7 @@ def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
         # The wiring drawing depends on the whole design.
         sections = {name: getattr(design, name) for name in DRAWING_SECTIONS}
         context = [sections, design.unverified()] if alone else design
+        context = [context, task.document]
     return cad_cache_key(
         "fabricate.cad.export.part_files",
         parts=[part_key(part, design) for part in task.parts],
@@ -183,10 +230,10 @@ def file_cache_key(task: ExportTask, kind: str) -> dict[str, Any]:
 
 def _assembly_glb(sensor: Sequence[Part], design: Design, results: Sequence[FileData]) -> FileData:
     """Assemble the parts' own GLB files."""
-    by_file = {entry.file: (entry, data) for entry, data in results}
+    by_part = {entry.part: (entry, data) for entry, data in results if _kind(entry) == "glb"}
     bodies, sizes, deviations_mm = {}, [], []
     for part in sensor:
-        places, (entry, data) = part.places(design), by_file[f"{part.name}.glb"]
+        places, (entry, data) = part.places(design), by_part[part.name]
         bodies[part.name] = meshes.read_part(data), places
         sizes.append((entry.volume_mm3, entry.bounding_box_mm, places))
         deviations_mm.append(entry.mesh_deviation_mm or 0.0)

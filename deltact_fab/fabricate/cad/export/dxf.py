@@ -28,6 +28,7 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
     nor arc.
     """
     import ezdxf
+    import ezdxf.bbox
 
     face, thickness_mm = _plate(solid, name)
     plate_mm3 = face.Area() * thickness_mm
@@ -50,6 +51,9 @@ def dxf_bytes(solid: Any, name: str, outwards_mm: float = 0.0) -> bytes:
             corners = [corner for edge in edges for corner in _corners(edge, name)]
             shape = {"close": True, "dxfattribs": {"layer": CUT_LAYER}}
             document.modelspace().add_lwpolyline(corners, "xyb", **shape)
+        # Cutting programs place the part by these; ezdxf leaves them at 1e20.
+        extents = ezdxf.bbox.extents(document.modelspace())
+        document.modelspace().reset_extents(extents.extmin, extents.extmax)
         stream = io.StringIO()
         document.write(stream)
     finally:

@@ -14,7 +14,7 @@ from ..dimensions import Design
 from ..kernel import Extent, SolidProperties, enclosing, guarded, shifted
 from ..mesh import Mesh, mesh_solid
 from ..overhangs import lay_on_platform
-from ..part import BOUGHT_PROCESS, LASER_CUT, Matrix, Part
+from ..part import BOUGHT_PROCESS, LASER_CUT, MACHINED_PROCESS, PRINT_PROCESS, Matrix, Part
 from . import dxf, meshes, step
 
 if TYPE_CHECKING:
@@ -25,12 +25,21 @@ EXPORT_FORMATS = ("step", "stl", "3mf", "dxf", "glb", "svg", "pdf")
 DRAWING_FORMATS = ("svg", "pdf")
 MESH_FORMATS = ("stl", "3mf", "glb")
 PRINT_FORMATS = ("stl", "3mf")
+PROCESS_FOLDERS = {
+    PRINT_PROCESS: "print",
+    LASER_CUT: "laser",
+    MACHINED_PROCESS: "machine",
+    BOUGHT_PROCESS: "order",
+}
+"""Folder of the files of each process."""
+ASSEMBLY_FOLDER = "assembly"  # of what is cast, wired and assembled
 
 
 @dataclass(frozen=True)
 class PartFile:
     """One file. volume and box are the exact solid's, also for a mesh.
 
+    file: path in the export's folder, below a folder of its process.
     mesh_deviation_mm: measured distance of the mesh from the surface; None without a mesh.
     turned: rotation from the part's frame to the printer's, for files to print; the box is then
     the mesh's, on z = 0 and centred at x = y = 0.
@@ -61,6 +70,8 @@ class ExportTask:
     formats: tuple[str, ...]
     design: Design
     tolerance_mm: float
+    document: str = "part drawing"
+    """Kind of document in a drawing's title block."""
 
     @property
     def name(self) -> str:
@@ -114,7 +125,7 @@ def make(task: ExportTask) -> list[FileData]:
             elif kind in DRAWING_FORMATS:
                 from ..drafting.drawing import drawing
 
-                page = page or drawing(part, task.design, solid)
+                page = page or drawing(part, task.design, solid, task.document)
                 data = _page_bytes(page, kind)
             elif kind == "step":
                 data = step.part_bytes(solid, part.name)
@@ -145,7 +156,8 @@ def _describe_file(
 ) -> FileData:  # fmt: skip
     """Return a file with its entry in the manifest."""
     sha = hashlib.sha256(data).hexdigest()
-    return PartFile(name, f"{name}.{kind}", *about, *size, sha, turned), data
+    folder = PROCESS_FOLDERS.get(about[1], ASSEMBLY_FOLDER)
+    return PartFile(name, f"{folder}/{name}.{kind}", *about, *size, sha, turned), data
 
 
 def _sensor_file(task: ExportTask, kind: str) -> FileData:

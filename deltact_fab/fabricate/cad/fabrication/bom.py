@@ -104,6 +104,11 @@ class BomLine:
 class BillOfMaterials(list[BomLine]):
     """The lines of an order, in the order of their items."""
 
+    def headed(self, verdict: str) -> BillOfMaterials:
+        """Return the lines below one with the verdict of the design's checks, item 0."""
+        head = BomLine(0, "verdict", "cad check", "", "", 0, "", verdict)
+        return BillOfMaterials([head, *self])
+
     def csv(self) -> str:
         """The lines as CSV with a header; numbers without rounding noise."""
         import pandas as pd
