@@ -23,6 +23,7 @@ from deltact_fab.estimate import (
 
 from . import figures, run_figures
 
+DOUBTFUL_PERCENT = 20.0  # by hand, error of the range: above, a fifth of a press is unknown
 THUMBNAIL_SCALE = 0.6  # by hand: pictures of presses side by side; larger makes the page heavy
 
 
@@ -111,7 +112,10 @@ def write_imported_page(run: Run, out: Path) -> Path:
     force = run.folder / "analysis" / "force.json"
     force_data = read_json(force) if force.is_file() else {}
     if "verdict" in force_data:
-        checks = [Check("force", value=f"Force from the flow: {force_data['verdict']}.")]
+        share = force_data["models"][force_data["best"]]["normal"]["percent_of_range"]
+        status = graded(True, warns=share is None or share > DOUBTFUL_PERCENT)
+        text = f"Force from the flow: {force_data['verdict']}."
+        checks = [Check("force", value=text, status=status)]
     else:
         text = "Force from the flow is not calibrated; run `calibrate force`."
         checks = [Check("force", value=text, status="warn")]

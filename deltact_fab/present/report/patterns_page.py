@@ -18,12 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-ASSUMED_NOTE = (
-    "Printer and camera parameters are assumed, so this ranks patterns and does not predict errors "
-    "in mm: measure your own before you choose."
-)
-
-
 def write_patterns_page(folder: Path) -> Path:
     """Write patterns.html into the folder of a series, from its quality.json and views.
 
@@ -41,7 +35,7 @@ def write_patterns_page(folder: Path) -> Path:
     return write_page(
         series.page,
         "patterns.html",
-        [_best_check(rows, visible), Check("assumed", value=ASSUMED_NOTE)],
+        [_best_check(rows, visible)],
         s=data,
         rows=rows,
         chart=figures.to_svg(plot_predictors(rows)),

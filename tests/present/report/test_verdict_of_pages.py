@@ -56,14 +56,18 @@ def run(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:
     return page.write_run_page(folder, out / "report.html", replace(tracked, methods=sure))
 
 
-def imported(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:
+def imported(
+    warned: bool, out: Path, warned_run: Callable[[bool], Path], percent: float = 2.0
+) -> Path:
     opened = open_run(warned_run(warned))
     opened.meta["imported"] = {"image_px": [8, 8], "sha256": {}}
     more = {"samples": {}, "moved_px": [0.0] * len(opened.frames())}
     opened.summary().update(more)
     (opened.folder / "analysis").mkdir(exist_ok=True)
     force = opened.folder / "analysis" / "force.json"
-    force.write_text(json.dumps({"verdict": "normal force to 0.1 N", "left_out": []}))
+    models = {"best": {"normal": {"percent_of_range": percent}}}
+    told = {"verdict": "normal force to 0.1 N", "left_out": [], "best": "best", "models": models}
+    force.write_text(json.dumps(told))
     written = page.write_imported_page(opened, out / "report.html")
     force.unlink()
     return written
@@ -173,6 +177,12 @@ def test_a_warning_reaches_the_verdict_once(
     assert good == "pass"
     assert bad in ("warn", "fail")
     assert words.lower().count(says.lower()) == 1
+
+
+def test_poor_force_is_no_pass(tmp_path: Path, warned_run: Callable[[bool], Path]) -> None:
+    bad, words = level(imported(False, tmp_path, warned_run, percent=60.0))
+    assert bad == "warn"
+    assert "normal force to 0.1 N" in words
 
 
 def test_worst_is_verdict_without_duplicates() -> None:
