@@ -21,7 +21,6 @@ from deltact_fab.common import (
     html_table,
     require_extra,
     require_pages,
-    toml_text,
     write_page,
 )
 
@@ -44,7 +43,6 @@ from .patterns.recipe import PatternRecipe, load_recipe
 VIEW_TOLERANCE_MM, VIEW_TILT_DEG, VIEW_TURN_DEG, VIEW_DISTANCE = 0.05, -20.0, 35.0, 1.25
 MIN_CHANNEL = 0.6  # of a colour's strongest channel, by hand: darker ones show no edges
 PRINT_LAYER_MM = 0.05  # by hand, the usual layer of resin printers
-STICKER_SPARE_MM = 1.0  # sticker beyond the view, by hand: room for misplacing it
 PATTERN_WIDTH_MM = 120.0  # of the pattern's picture, by hand: fits the page
 QUALITY_PX = 100  # side of the field that is tested for contrast, by hand: more takes longer
 CUP_STEP_ML = 50  # by hand: usual sizes of mixing cups
@@ -291,16 +289,12 @@ class PatternToPrint:
 
 
 def sticker(design: Design, examples: Examples) -> PatternToPrint:
-    """Return the recommended pattern, enlarged if the design's view needs it."""
+    """Return the recommended pattern, in the size for the design."""
     from PIL import Image
 
     recipe, view_mm = load_recipe(), design.optics.view_mm
-    file = ""
-    if design.optics.print_shortfall(recipe.printed_mm) is not None:
-        patch_mm = recipe.patch_mm or 1.0
-        squares = math.ceil((max(view_mm) + STICKER_SPARE_MM) / patch_mm)
-        recipe = recipe.model_copy(update={"size_mm": round(squares * patch_mm, 6)})
-        file = toml_text(recipe.model_dump(mode="json", exclude_none=True))
+    shipped, recipe = recipe, recipe.fitted(view_mm, design.skin.face_mm)
+    file = "" if recipe == shipped else recipe.file_text()
     patches, patch_mm = recipe.patches(), recipe.patch_mm or recipe.printed_mm
     columns, rows = (min(round(side / patch_mm), len(patches)) for side in view_mm)
     column, row = (len(patches) - columns) // 2, (len(patches) - rows) // 2

@@ -14,6 +14,7 @@ from deltact_fab.common import (
     catalogue_names,
     toml_text,
     write_new_file,
+    write_whole,
 )
 
 from .cad import design_options
@@ -219,7 +220,8 @@ def sheet(
 ) -> Answer:  # fmt: skip
     """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
 
-    Each sticker has the film margin of the design's skin around it; cut as the guide shows.
+    Each sticker has the film margin of the design's skin around it; cut as the guide shows. With
+    --design it has the design's size; a recipe of another size is then written beside the sheet.
     """
     from deltact_fab.fabricate import load_design, load_recipe, write_sheet
 
@@ -234,21 +236,27 @@ def sheet(
     # Without an explicit design, a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
     explicit = bool(changes) or source is not click.core.ParameterSource.DEFAULT
-    for name, recipe in zip(recipes, chosen, strict=True):
-        excess = sensor.optics.print_shortfall(recipe.printed_mm) if explicit else None
-        if excess is not None:
-            raise InputError(f"{name}: size_mm: {excess} by --design {design}")
+    # For a design the stickers have its size; a recipe that changes is a file of its own.
+    resized: dict[Path, str] = {}
+    for k, (name, recipe) in enumerate(zip(recipes, chosen, strict=True)):
+        if explicit:
+            chosen[k] = recipe.fitted(sensor.optics.view_mm, sensor.skin.face_mm)
+        if chosen[k] != recipe:
+            resized[out.with_name(f"{out.stem}-{Path(name).stem}.toml")] = chosen[k].file_text()
     with progress("pattern sheet") as tell:
         result = write_sheet(
             chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
             scale=_choose_scales(scale_x, scale_y, scale), sensor=sensor,
             progress=tell,
         )  # fmt: skip
+    for path, text in resized.items():
+        write_whole(path, text.encode())
     data = result.as_dict()
     lines = table(("key", "value"), pairs({**data, "stickers": None, "codes": None}))
     columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
     kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
-    return Answer(data, [*lines, "", *kinds])
+    notes = [f"size for --design {design}; recipe: {path}" for path in resized]
+    return Answer(data, [*lines, "", *kinds, *notes])
 
 
 @pattern.command(epilog="Example: deltact-fab pattern verify scan.png dense -o my-printer.toml")
@@ -274,6 +282,8 @@ def verify(
     from deltact_fab.fabricate import load_recipe, read_code
     from deltact_fab.fabricate import verify_print as judge
 
+    if not scan.is_file() and Path(recipe).is_file() and Path(recipe).suffix != ".toml":
+        raise InputError(f"SCAN {str(scan)!r}, RECIPE {recipe!r}: swapped; expected the scan first")
     expected = read_code(recipe) or load_recipe(recipe)
     scale = _choose_scales(scale_x, scale_y, (1.0, 1.0))
     result = judge(scan, expected, dpi, transfer == "slide", scale)

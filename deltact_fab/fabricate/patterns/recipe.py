@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from deltact_fab.common import InputError, Table, did_you_mean, find_file, read_toml, validate
+from deltact_fab.common import (
+    InputError,
+    Table,
+    did_you_mean,
+    find_file,
+    read_toml,
+    toml_text,
+    validate,
+)
 
 from .laws import PATTERN_LAWS, check_key, octave
 from .laws.law import LAW_KEYS
@@ -226,6 +234,27 @@ class PatternRecipe(Table, strict=True):
         """The side of the printed square, n d: 466 x 0.075 = 34.95 of 35 mm."""
         return _printed_mm(self.size_mm, self.patch_mm)
 
+    def fitted(self, view_mm: tuple[float, float], face_mm: tuple[float, float]) -> PatternRecipe:
+        """Return the recipe in the size for a sensor: at least its view, at most its face.
+
+        The recipe itself if its size is right. Raises InputError if the dots do not fit.
+        """
+        patch_mm, printed_mm = self.patch_mm or 1.0, self.printed_mm
+        least_mm, most_mm = max(view_mm), max(face_mm)
+        if least_mm <= printed_mm <= most_mm:
+            return self
+        squares = math.ceil((least_mm + VIEW_SPARE_MM) / patch_mm - 1e-9)
+        if printed_mm > most_mm:
+            squares = max(squares, _whole_patches(most_mm, patch_mm))
+        if squares * patch_mm >= printed_mm > most_mm:
+            return self
+        data = {**self.model_dump(exclude_none=True), "size_mm": round(squares * patch_mm, 6)}
+        return validate(PatternRecipe, data, f"recipe of {data['size_mm']:g} mm")
+
+    def file_text(self) -> str:
+        """Return the recipe as a file."""
+        return toml_text(self.model_dump(mode="json", exclude_none=True))
+
     def as_record(self) -> dict[str, Any]:
         """Recipe and dot centres as plain data, for analysis without this package."""
         dots = self.dots
@@ -254,6 +283,7 @@ def _printed_mm(size_mm: float, patch_mm: float | None) -> float:
     return size_mm if patch_mm is None else round(_whole_patches(size_mm, patch_mm) * patch_mm, 9)
 
 
+VIEW_SPARE_MM = 1.0  # by hand, sticker beyond the view: room for misplacing it
 DEFAULT_SEED = 7  # by hand; a change would change every default pattern
 RECOMMENDED_RECIPE = "recommended"
 """Default pattern to print; its file names the printer and the camera it suits."""

@@ -32,10 +32,16 @@ from .recipe import PatternRecipe
 
 # Limits of decision 0071, by hand: tighter refuses usable prints, looser passes faults.
 SCALE_TOL, SHEAR_TOL = 0.002, 0.002
+# Agreement and saturation of colours. Measured on simulated scans: casts, leaking inks and half the
+# saturation 0.95 and more, 0.4 and more; grey 0, 0; exchanged inks below 0.
+MIN_CHROMA, MIN_SATURATION = 0.5, 0.25
+LEAST_CHROMA = 0.02  # by hand, spread of a recipe's colours: less is a grey recipe
+DPI_ERROR = 1.25  # by hand: a wrong dpi is off by more, a printer's scale by less
 MIN_IN_ORDER = 0.8  # share of neighbouring patches in order; 0.5 by chance
 INK_SHARE, GAP_SHARE, DOT_SHARE = 0.5, 0.5, 0.5  # contrast over best ink, median tile, surroundings
 GAP_TILE_MM, SCAN_DPI_RANGE = 1.5, (50.0, 9600.0)  # smaller tiles are noisier; dpi of scanners
-NOT_LOCATED = "pattern not located; does the file have a dpi? give --dpi"
+NOT_LOCATED = "pattern not located"
+NO_DPI = "no dpi in the file; give --dpi"
 HALVED_COLOUR = "JPEG with halved colour resolution: scan as PNG or TIFF"
 
 
@@ -45,9 +51,10 @@ class PrintMeasurement:
 
     shear: tangent of the axes' deviation from a right angle. turned_deg: counter-clockwise in the
     scan. ink_um: offsets of R, G, B from their mean, (3, 2). contrast: of R, G, B over the
-    recipe's. gaps_mm: centres of tiles without ink. spread_um: ink spread at which the printer
-    model of `pattern quality` keeps as much contrast. halved: the file's colours have half its
-    resolution, so contrast and inks are not judged.
+    recipe's. chroma: agreement and saturation of the colours (`_measure_chroma`). gaps_mm: centres
+    of tiles without ink. spread_um: ink spread at which the printer model of `pattern quality`
+    keeps as much contrast. halved: the file's colours have half its resolution, so contrast and
+    inks are not judged.
     """
 
     mirrored: bool
@@ -63,6 +70,7 @@ class PrintMeasurement:
     spread_um: float
     misregistration_um: float
     halved: bool
+    chroma: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -151,29 +159,40 @@ def verify_print(
     """Compare a scan or photograph of a print with its recipe.
 
     dpi: of the scan, instead of the file's. mirrored: expected orientation (`slide`). scaled:
-    scale correction of the sheet. Raises InputError for an unusable file and for a recipe of one
-    colour.
+    scale correction of the sheet. Raises InputError for an unusable file, for a dpi that does not
+    fit the print, and for a recipe of one colour.
     """
     if recipe.patch_mm is None and recipe.dots is None:
         raise InputError(f"{recipe.law}: one uniform colour, nothing to compare")
     scan, dpi, halved = load_scan(path, dpi)
     best = locate_in_scan(scan, recipe, dpi)
+    if best is None and dpi is not None:
+        best = locate_in_scan(scan, recipe, None)
     if best is None:
         row = _row(
-            "recipe", "recipe", _identify_print(scan),
+            "recipe", "recipe", _identify_print(scan, dpi),
             "this recipe's whole pattern, with blank film around it", False,
             "scan the whole sticker at 600 dpi or more; is it this recipe?",
         )  # fmt: skip
         return PrintCheck(str(path), (row,), None)
     measured = _measure_print(recipe, best, dpi, halved)
+    if dpi is not None and measured.scale is not None:
+        times = math.sqrt(measured.scale[0] * measured.scale[1])
+        if not 1 / DPI_ERROR <= times <= DPI_ERROR:
+            raise InputError(
+                f"{path}: dpi {dpi:g}: the print would be {times:.3g} times its size; about "
+                f"{dpi * times:.0f} fits: give --dpi"
+            )
     rows = tuple(_rows(measured, recipe, best, mirrored, scaled))
     return PrintCheck(str(path), rows, measured, scaled)
 
 
-def _identify_print(scan: NDArray[np.uint8]) -> str:
-    """Describe the print in the scan by its QR code, if any."""
+def _identify_print(scan: NDArray[np.uint8], dpi: float | None) -> str:
+    """Describe an image in which the recipe was not located, with its QR code, if any."""
+    if dpi is None:
+        return f"{NOT_LOCATED}: {NO_DPI}"
     text, *_ = cv2.QRCodeDetector().detectAndDecode(cv2.cvtColor(scan, cv2.COLOR_RGB2GRAY))
-    return f"not located; QR code: {text}" if text else NOT_LOCATED
+    return f"{NOT_LOCATED}; QR code: {text}" if text else NOT_LOCATED
 
 
 def _measure_print(
@@ -223,6 +242,7 @@ def _measure_print(
         spread_um=_spread_um(recipe, share),
         misregistration_um=float(np.sqrt(np.mean(offset_um**2))),
         halved=halved,
+        chroma=_measure_chroma(image, template, frame.pair_px),
     )
 
 
@@ -231,6 +251,32 @@ def _gain(image: NDArray[Any], template: NDArray[Any]) -> float:
     a, b = template - template.mean(), image - image.mean()
     power = float((a * a).mean())
     return float((a * b).mean()) / power if power > 0 else 1.0
+
+
+def _measure_chroma(
+    image: NDArray[Any], template: NDArray[Any], pair_px: float
+) -> tuple[float, float] | None:
+    """Return agreement and saturation of the colours; None for a grey recipe.
+
+    Agreement: worst correlation over channels of each channel less the mean of the channels.
+    Saturation: contrast of these over that of the mean, both over the recipe's. Averaged over two
+    patches, as halved colours are.
+    """
+    k = max(1, round(pair_px))
+    chroma, grey = [], []
+    for picture in (image, template):
+        flat = cv2.blur(np.ascontiguousarray(picture), (k, k))
+        mean = flat.mean(axis=2, keepdims=True)
+        chroma.append(flat - mean - (flat - mean).mean(axis=(0, 1)))
+        grey.append(mean)
+    measured, designed = chroma
+    if float(designed.std()) < LEAST_CHROMA:
+        return None
+    product = (measured * designed).mean(axis=(0, 1))
+    norm = np.sqrt((measured**2).mean(axis=(0, 1)) * (designed**2).mean(axis=(0, 1)))
+    gain = float(product.sum() / (designed**2).mean(axis=(0, 1)).sum())
+    saturation = gain / max(_gain(*grey), 1e-9)
+    return float(np.min(product / np.maximum(norm, 1e-12))), saturation
 
 
 def _share_in_order(image: NDArray[np.float32], recipe: PatternRecipe) -> float | None:
@@ -355,6 +401,14 @@ def _rows(
             "inks", "inks", f"contrast of R, G, B {contrasts}",
             f"the weakest >= {INK_SHARE:g} of the best",
             weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
+        )  # fmt: skip
+    if measured.chroma is not None:
+        agreement, saturation = measured.chroma
+        yield _row(
+            "colour", "colour", f"agreement {agreement:.2f}, saturation {saturation:.2f}",
+            f">= {MIN_CHROMA:g}, >= {MIN_SATURATION:g}",
+            agreement >= MIN_CHROMA and saturation >= MIN_SATURATION,
+            "print and scan in colour, RGB, with colour management off",
         )  # fmt: skip
     limit_um = 500 * (recipe.patch_mm or 0.15)
     worst_um = max(math.hypot(u, v) for u, v in measured.ink_um)

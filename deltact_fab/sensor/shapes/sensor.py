@@ -48,6 +48,11 @@ class SkinDimensions(Bounded):
         return (self.width_mm + 2 * margin_mm, self.length_mm + 2 * margin_mm)
 
     @property
+    def face_mm(self) -> tuple[float, float]:
+        """Sides (x, y) of the face."""
+        return (self.width_mm, self.length_mm)
+
+    @property
     def opening_half_mm(self) -> tuple[float, float]:
         """Half sides (x, y) of the face, which footprint and shear must not exceed."""
         return (self.width_mm / 2, self.length_mm / 2)

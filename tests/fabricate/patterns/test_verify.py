@@ -104,7 +104,71 @@ def test_scaled_sheet_keeps_its_scale(sound):
 def test_other_recipe_is_not_located(sound):
     (row,) = verify_print(sound[1], RECIPE.model_copy(update={"seed": 4})).rows
     assert row.failed
-    assert row.value == "pattern not located; does the file have a dpi? give --dpi"
+    assert row.value == "pattern not located"
+
+
+def greyed(scan: np.ndarray) -> np.ndarray:
+    return np.repeat(scan.mean(axis=2, keepdims=True), 3, axis=2)
+
+
+def saturated(scan: np.ndarray, share: float) -> np.ndarray:
+    return greyed(scan) + share * (scan - greyed(scan))
+
+
+COLOURS = {
+    "grey": (greyed, False),
+    "a tenth of the saturation": (lambda scan: saturated(scan, 0.1), False),
+    "red and blue exchanged": (lambda scan: scan[..., ::-1], False),
+    "colours turned": (lambda scan: np.roll(scan, 1, axis=2), False),
+    "warm scanner": (lambda scan: scan * (1.0, 0.93, 0.8), True),
+    "old lamp": (lambda scan: 20 + scan * (0.85, 0.8, 0.5), True),
+    "half the saturation": (lambda scan: saturated(scan, 0.5), True),
+    "inks that leak": (lambda scan: scan @ (0.7 * np.eye(3) + 0.1), True),
+}
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("change", COLOURS)
+def test_wrong_colours_fail_their_row(tmp_path, change, kind):
+    recolour, right = COLOURS[change]
+    scan = recolour(spoiled.print_of(SHEET, noise=0.0).astype(float))
+    scan = np.clip(scan + np.random.default_rng(1).normal(0, 4, scan.shape), 0, 255)
+    path = spoiled.save(scan.astype(np.uint8), tmp_path / f"scan.{kind}", DPI)
+    failed = {row.name for row in verify_print(path, RECIPE).rows if row.failed}
+    # Exchanged colours may be another recipe's, and lost ones take contrast with them.
+    assert failed <= {"contrast kept"} if right else failed & {"colour", "recipe"}
+
+
+def test_grey_recipe_has_no_colour_row(tmp_path):
+    recipe = RECIPE.model_copy(update={"channels": 1})
+    scan = spoiled.save(spoiled.print_of(sheet_of(recipe)), tmp_path / "scan.png", DPI)
+    done = verify_print(scan, recipe)
+    assert done.passed
+    assert "colour" not in {row.name for row in done.rows}
+
+
+@pytest.mark.parametrize("dpi", [DPI / 4, DPI / 2, 2 * DPI, 4 * DPI])
+def test_wrong_dpi_is_one_line(tmp_path, dpi):
+    scan = spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.png", dpi)
+    with pytest.raises(InputError, match=r"dpi \d.*: the print would be .*; about 600 fits"):
+        verify_print(scan, RECIPE)
+
+
+def test_missing_dpi_is_named(tmp_path):
+    # A small sticker on a large page: without a scale anything might be it.
+    page = np.full((4200, 4200, 3), 250, np.uint8)
+    page[100 : 100 + len(SHEET), 100 : 100 + len(SHEET)] = spoiled.print_of(SHEET)
+    path = spoiled.save(page, tmp_path / "scan.png")
+    (row,) = verify_print(path, RECIPE).rows
+    assert row.value == "pattern not located: no dpi in the file; give --dpi"
+    assert verify_print(path, RECIPE, DPI).passed
+
+
+def test_swapped_arguments_are_noticed(tmp_path):
+    spoiled.save(spoiled.print_of(SHEET), tmp_path / "scan.png", DPI)
+    done = called("pattern", "verify", "recommended", "scan.png", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "SCAN 'recommended', RECIPE 'scan.png': swapped" in done.stderr
 
 
 def test_bad_scan_gives_one_line(tmp_path):
