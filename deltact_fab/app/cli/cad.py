@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -203,17 +204,16 @@ def export(
     from deltact_fab.fabricate import export_parts, judge_design, select_parts
 
     dims, chosen = load_feasible(design, changes), select_parts(parts)
-    with progress("cad check") as tell:
-        verdict = judge_design(dims, design, tell, chosen if parts else None)
     with progress("cad export") as tell:
+        judge = cache(lambda: judge_design(dims, design, tell, chosen if parts else None))
         files = export_parts(
-            dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs, verdict=verdict,
+            dims, chosen, formats.split(","), tolerance_mm, out, tell, jobs=jobs, judge=judge,
             force=force,
         )  # fmt: skip
     plain = [asdict(f) for f in files]
     summary = f"{len(files)} files, manifest.json and index.html in {out}"
     lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
-    return Answer(plain, [f"{design}: {verdict.text}", "", *lines, "", summary])
+    return Answer(plain, [judge().headline, "", *lines, "", summary])
 
 
 @cad.command(epilog="Example: deltact-fab cad bom --sensors 4 -o bom.csv")

@@ -17,7 +17,7 @@ from deltact_fab.common import (
     write_whole,
 )
 
-from .cad import design_options
+from .cad import FORCE_OPTION, design_options
 from .group import CommandGroup
 from .options import NAME_OR_PATH, NEW_FILE, PATH_TYPE, SEED_TYPE, out_file, out_folder, seed
 from .output import (
@@ -211,17 +211,19 @@ PAPER_OPTION = click.option(
 @SCALE_X
 @SCALE_Y
 @PRINTER_OPTION
+@FORCE_OPTION
 @out_file("PDF to write.", required=True)
 @answers
 def sheet(
     recipes: tuple[str, ...], paper: str, dpi: float, transfer: Literal["face-down", "slide"],
-    copies: int, scale_x: float | None, scale_y: float | None, printer: Path | None, out: Path,
-    design: str, changes: tuple[str, ...],
+    copies: int, scale_x: float | None, scale_y: float | None, printer: Path | None, force: bool,
+    out: Path, design: str, changes: tuple[str, ...],
 ) -> Answer:  # fmt: skip
     """Write a sheet to print: each RECIPE at its exact size, with cut marks, rulers and QR code.
 
     Each sticker has the film margin of the design's skin around it; cut as the guide shows. With
-    --design it has the design's size; a recipe of another size is then written beside the sheet.
+    --design it has the design's size, a recipe of another size is written beside the sheet, and the
+    sheet begins with the verdict of `cad check`.
     """
     from deltact_fab.fabricate import load_design, load_recipe, write_sheet
 
@@ -232,12 +234,19 @@ def sheet(
         profile = load_printer(printer)
         scale = profile.scale_x, profile.scale_y
     chosen = [load_recipe(name) for name in recipes]
-    sensor = load_design(design, changes)  # film and view only; `cad check` checks the parts
+    sensor, verdict = load_design(design, changes), ""
     # Without an explicit design, a small sticker is a trial print.
     source = click.get_current_context().get_parameter_source("design")
     explicit = bool(changes) or source is not click.core.ParameterSource.DEFAULT
     # For a design the stickers have its size; a recipe that changes is a file of its own.
     resized: dict[Path, str] = {}
+    if explicit:
+        from deltact_fab.fabricate import judge_design
+
+        with progress("cad check") as tell:
+            judged = judge_design(sensor, design, tell)
+        judged.require(force)
+        verdict = judged.headline
     for k, (name, recipe) in enumerate(zip(recipes, chosen, strict=True)):
         if explicit:
             chosen[k] = recipe.fitted(sensor.optics.view_mm, sensor.skin.face_mm)
@@ -246,7 +255,7 @@ def sheet(
     with progress("pattern sheet") as tell:
         result = write_sheet(
             chosen, out, paper=paper, dpi=dpi, transfer=transfer, copies=copies,
-            scale=_choose_scales(scale_x, scale_y, scale), sensor=sensor,
+            scale=_choose_scales(scale_x, scale_y, scale), sensor=sensor, verdict=verdict,
             progress=tell,
         )  # fmt: skip
     for path, text in resized.items():
@@ -255,7 +264,10 @@ def sheet(
     lines = table(("key", "value"), pairs({**data, "stickers": None, "codes": None}))
     columns = ("dots_per_patch", "side_mm", "file_side_mm", "print_error_mm", "code")
     kinds = columns_of(columns, {s["code"]: s for s in data["stickers"]}.values())
-    notes = [f"size for --design {design}; recipe: {path}" for path in resized]
+    notes = [
+        *filter(None, [verdict]),
+        *(f"size for --design {design}; recipe: {path}" for path in resized),
+    ]
     return Answer(data, [*lines, "", *kinds, *notes])
 
 

@@ -118,13 +118,15 @@ class PrintCheck:
     def printer(self) -> KnownPrinter:
         """Return the printer measured on the print.
 
-        Raises InputError for a photograph, and for another recipe's print.
+        Raises InputError for a photograph, wrong colours, and another recipe's print.
         """
         measured = self.measured
         if measured is None or measured.scale is None:
             raise InputError(f"{self.scan}: no scale: use a flatbed scan with a dpi")
         if measured.halved:
             raise InputError(f"{self.scan}: {HALVED_COLOUR}")
+        if wrong := [row for row in self.rows if row.failed and row.id == "colour"]:
+            raise InputError(f"{self.scan}: colour: {wrong[0].value}; {wrong[0].remedy}")
         x, y = (old / scale for old, scale in zip(self.scaled, measured.scale, strict=True))
         return KnownPrinter(x, y, measured.spread_um, measured.misregistration_um)
 

@@ -36,22 +36,32 @@ def refused(*words: str, kind: type[Exception] = InputError) -> str:
     return str(result.exception)
 
 
-def test_bom_format_follows_file_name() -> None:
+@pytest.mark.slow
+def test_bom_begins_with_the_verdict() -> None:
     done("bom", "-o", "b.csv")
-    assert len(list(csv.DictReader(Path("b.csv").read_text().splitlines()))) > 10
+    head, *rows = csv.DictReader(Path("b.csv").read_text().splitlines())
+    assert (head["item"], head["group"]) == ("0", "verdict")
+    assert "checks passed" in head["note"]
+    assert len(rows) > 10
+    tight = ("bom", "--set", "plate.fit_mm=0.02")
+    assert "checks failed; --force" in refused(*tight, kind=RunFailed)
+    assert "4/" in done(*tight, "--force").output.splitlines()[1]
     done("bom", "-o", "b.json")
     assert len(json.loads(Path("b.json").read_text())) > 10
+
+
+def files() -> set[str]:
+    return {p.relative_to("two").as_posix() for p in Path("two").rglob("*") if p.is_file()}
 
 
 @pytest.mark.slow
 def test_export_replaces_earlier_export() -> None:
     done("export", "acrylic", "cover", "--format", "dxf,step", "--out", "two")
-    thick = ("--set", "optics.acrylic_mm=3", "--out", "two")
+    thick = ("--set", "optics.acrylic_mm=3", "--out", "two", "--force")
     done("export", "acrylic", "--format", "dxf", *thick)
-    assert {p.name for p in Path("two").iterdir()} == {"acrylic.dxf", "manifest.json"}
-    Path("two/acrylic.svg").mkdir()
+    pages = {"manifest.json", "index.html", "NOT-TO-BE-BUILT.txt"}
+    assert files() == {"laser/acrylic.dxf", *pages}
+    Path("two/laser/acrylic.svg").mkdir()
     line = refused("export", "acrylic", "--format", "step,svg", *thick, kind=RunFailed)
-    assert line == "two/acrylic.svg: cannot be written: Is a directory"
-    assert {p.name for p in Path("two").iterdir()} == {
-        "acrylic.dxf", "acrylic.svg", "manifest.json"
-    }  # fmt: skip
+    assert line == "two/laser/acrylic.svg: cannot be written: Is a directory"
+    assert files() == {"laser/acrylic.dxf", *pages}

@@ -54,7 +54,7 @@ def _export(names, kinds, folder, **options):
 
 
 def test_assembly_needs_whole_sensor(tmp_path):
-    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path, verdict=PASSED)}
+    names = {f.file for f in _export(SENSOR[1:], ["glb"], tmp_path, judge=lambda: PASSED)}
     assert {Path(name).name for name in names} == {f"{name}.glb" for name in SENSOR[1:]}
 
 
@@ -99,7 +99,12 @@ def test_cached_export_is_identical(exported, tmp_path, monkeypatch):
     assert _bytes(tmp_path / "o") == _bytes(exported)
     with pytest.raises(AssertionError, match="made again"):
         export_parts(
-            THICK, registry.select_parts(["acrylic"]), ["step"], 0.01, tmp_path, verdict=PASSED
+            THICK,
+            registry.select_parts(["acrylic"]),
+            ["step"],
+            0.01,
+            tmp_path,
+            judge=lambda: PASSED,
         )
 
 
@@ -263,7 +268,7 @@ def test_solids_of_exported_parts_count(tmp_path):
 
 def test_whole_export_is_an_order(tmp_path):
     parts = registry.select_parts(["acrylic", "screw", "stage-plate"])
-    export_parts(DESIGN, parts, ["step"], 0.01, tmp_path, verdict=PASSED)
+    export_parts(DESIGN, parts, ["step"], 0.01, tmp_path, judge=lambda: PASSED)
     written = _bytes(tmp_path)
     folders = {"laser/acrylic.step", "order/screw.step", "machine/stage-plate.step"}
     assert folders <= set(written)

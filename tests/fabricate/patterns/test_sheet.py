@@ -41,6 +41,27 @@ MARKED = validate(
 )
 
 
+def test_recipe_takes_the_size_of_a_sensor():
+    recipe = load_recipe()
+    assert recipe.printed_mm == 34.8
+    assert recipe.fitted((30.0, 28.0), (36.0, 34.0)) is recipe
+    small = recipe.fitted((15.0, 14.0), (24.0, 22.0))
+    assert small.printed_mm == 24.0
+    wide = recipe.fitted((55.0, 40.0), (60.0, 50.0))
+    assert 56.0 <= wide.printed_mm <= 56.4
+    # The view counts before the face.
+    assert recipe.fitted((33.0, 20.0), (33.5, 22.0)).printed_mm >= 33.0
+    dotted = validate(PatternRecipe, {**recipe.model_dump(exclude_none=True), "dots": {}}, "r")
+    with pytest.raises(InputError, match="dots: the grid covers"):
+        dotted.fitted((15.0, 14.0), (24.0, 22.0))
+
+
+def test_sheet_begins_with_the_verdict(tmp_path):
+    made = sheet.write_sheet([PLAIN], tmp_path / "s.pdf", verdict="mine: 1/1 checks passed.")
+    said = subprocess.run(["pdftotext", made.out, "-"], capture_output=True, text=True, check=True)
+    assert said.stdout.startswith("mine: 1/1 checks passed.")
+
+
 def picture(recipe, dpi, mirrored=False, scale=(1.0, 1.0)):
     return CellGrid(
         key="",

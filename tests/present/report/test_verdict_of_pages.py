@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -59,7 +60,8 @@ def run(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:
 def imported(
     warned: bool, out: Path, warned_run: Callable[[bool], Path], percent: float = 2.0
 ) -> Path:
-    opened = open_run(warned_run(warned))
+    # A copy: workers share the run.
+    opened = open_run(shutil.copytree(warned_run(warned), out / "run"))
     opened.meta["imported"] = {"image_px": [8, 8], "sha256": {}}
     more = {"samples": {}, "moved_px": [0.0] * len(opened.frames())}
     opened.summary().update(more)
@@ -68,9 +70,7 @@ def imported(
     models = {"best": {"normal": {"percent_of_range": percent}}}
     told = {"verdict": "normal force to 0.1 N", "left_out": [], "best": "best", "models": models}
     force.write_text(json.dumps(told))
-    written = page.write_imported_page(opened, out / "report.html")
-    force.unlink()
-    return written
+    return page.write_imported_page(opened, out / "report.html")
 
 
 def made_up_study(warned: bool, out: Path, _: Any) -> Path:
@@ -134,7 +134,7 @@ def verdict(fails: bool) -> DesignVerdict:
 def export_index(warned: bool, out: Path, _: Any) -> Path:
     parts = select_parts(["acrylic"])
     design = load_design()
-    export_parts(design, parts, ["svg"], 0.01, out, verdict=verdict(warned), force=True)
+    export_parts(design, parts, ["svg"], 0.01, out, judge=lambda: verdict(warned), force=True)
     return out / "index.html"
 
 

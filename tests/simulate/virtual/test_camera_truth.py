@@ -76,14 +76,13 @@ WIDE = 'base = "large-60x50"\n[optics]\nimage_width_px = 1050\n'
 
 
 def test_small_sticker_is_refused_everywhere(tmp_path: Path) -> None:
-    """The same words from the sheet, the protocol's check and the photographs of the skin."""
+    """The same words from the protocol's check and the photographs of the skin."""
     (tmp_path / "wide.toml").write_text(WIDE)
     protocol = (Path(__file__).parents[3] / "protocols" / "first-press.toml").read_text()
     text = protocol.replace('design = "deltact"', 'design = "wide.toml"')
     text = text.replace('channels = ["force"]', 'channels = ["image", "force"]')
     (tmp_path / "press.toml").write_text(text)
     for words in (
-        ["pattern", "sheet", "dense", "--design", "wide.toml", "-o", "sheet.pdf"],
         ["protocol", "check", "press.toml", "--rig", "virtual"],
         ["rig", "photograph", "fisheye", "--board", "skin", "--design", "wide.toml", "--out", "p"],
     ):
@@ -91,5 +90,4 @@ def test_small_sticker_is_refused_everywhere(tmp_path: Path) -> None:
         said = done.stdout + done.stderr
         assert done.returncode != 0, words
         assert "is smaller than the view of 57.86 x 35.04 mm" in said, said
-    assert not (tmp_path / "sheet.pdf").exists()
     assert not (tmp_path / "p").exists()

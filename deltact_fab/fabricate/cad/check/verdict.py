@@ -50,6 +50,11 @@ class DesignVerdict:
         n = len(self.failed)
         return f"{self.name}: {n}/{len(self.rows)} checks failed" if n else None
 
+    @property
+    def headline(self) -> str:
+        """Result for the head of a page, one line."""
+        return f"{FORBIDDEN}: {self.failure}." if self.failed else f"{self.name}: {self.text}."
+
     def require(self, force: bool) -> None:
         """Raise RunFailed with the failed checks, unless forced."""
         if self.failed and not force:
@@ -59,11 +64,11 @@ class DesignVerdict:
     def findings(self) -> Iterator[Check]:
         """Yield the checks at the head of a page of the design: the result, then each failure."""
         if self.failed:
-            yield Check("design", value=f"{FORBIDDEN}: {self.failure}.", status="fail")
+            yield Check("design", value=self.headline, status="fail")
             for row in self.failed:
                 yield Check(row.id, value=_line(row), status="fail")
         else:
-            yield Check("design", value=f"{self.name}: {self.text}.")
+            yield Check("design", value=self.headline)
         for row in self.rows:
             if row.status == "not run":
                 yield Check(row.id, value=_line(row), status="not run")

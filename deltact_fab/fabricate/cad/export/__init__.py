@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from hashlib import sha256
@@ -73,7 +73,7 @@ def export_parts(
     *,
     cached: bool = True,
     jobs: int | None = None,
-    verdict: DesignVerdict | None = None,
+    judge: Callable[[], DesignVerdict] | None = None,
     force: bool = False,
 ) -> list[PartFile]:
     """Write every part in every format that applies to it, with manifest.json and index.html.
@@ -84,9 +84,9 @@ def export_parts(
     cached: use and fill the user's cache of files by dimensions, code and kernel version; when no
     file is missing the kernel is not loaded.
     jobs: processes; None: chosen by the number of missing files.
-    verdict: of the design; None: of its rules and the solids of these parts. With a verdict of the
-    whole design the bill of materials is written too. force: write a design that fails, marked as
-    not to be built.
+    judge: returns the verdict of the design; None: that of its rules and the solids of these parts.
+    With a verdict of the whole design the bill of materials is written too.
+    force: write a design that fails, marked as not to be built.
 
     assembly.step, assembly.glb, wiring.svg and wiring.pdf are written if parts include the whole
     sensor, index.html with the extra `report`; each process has a folder. Files of the same name
@@ -118,7 +118,7 @@ def export_parts(
     if sensor and (together := tuple(k for k in kinds if k in ("step", *DRAWING_FORMATS))):
         tasks.insert(0, ExportTask(sensor, together, design, tolerance_mm))
     check_writable(out_dir, folder=True)
-    verdict = verdict or judge_design(design, "design", None, unique, cached)
+    verdict = judge() if judge else judge_design(design, "design", None, unique, cached)
     verdict.require(force)
     if verdict.failed:
         tasks = [replace(task, document=FORBIDDEN) for task in tasks]

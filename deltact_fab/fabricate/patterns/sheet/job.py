@@ -98,10 +98,12 @@ def write_sheet(
     copies: int = 1,
     scale: tuple[float, float] = (1.0, 1.0),
     sensor: SensorDimensions | None = None,
+    verdict: str = "",
     progress: Progress | None = None,
 ) -> SheetReport:
     """Write the stickers as a PDF, on as many pages as they need.
 
+    verdict: of the design's checks, at the head of each page; empty: none.
     scale: 100 / measured length of the ruler in (x, y), times the scale of that sheet.
     Memory is bounded by the compressed file; equal arguments and versions give equal bytes.
 
@@ -137,7 +139,7 @@ def write_sheet(
     tell(len(recipes), total, "file")
     order = [recipe for recipe in recipes for _ in range(copies)]
     names = [page_marks.sticker_name(recipe) for recipe in order]
-    head, top_mm = page_marks.header(sheet, paper, transfer)
+    head, top_mm = page_marks.header(sheet, paper, transfer, verdict)
     places = layout.place_cells(sheet, [cells[recipe] for recipe in order], names, top_mm)
     pages = places[-1].page + 1
     file, images = Document(), dict[str, int]()

@@ -67,13 +67,18 @@ def _instructions(sheet: Sheet, paper: str, transfer: str) -> list[str]:
     ]
 
 
-def header(sheet: Sheet, paper: str, transfer: str) -> tuple[list[str], float]:
-    """Return header, rulers and colour patches, and the top of the stickers (y, mm)."""
+def header(
+    sheet: Sheet, paper: str, transfer: str, first_line: str = ""
+) -> tuple[list[str], float]:
+    """Return header, rulers and colour patches, and the top of the stickers (y, mm).
+
+    first_line: above the instructions; empty: none.
+    """
     left_mm = PAGE_MARGIN_MM + LEFT_BAND_MM
     room_mm = sheet.size_mm[0] - PAGE_MARGIN_MM - left_mm
     marks: list[str] = []
     y_mm = PAGE_MARGIN_MM
-    for line in _instructions(sheet, paper, transfer):
+    for line in [*filter(None, [first_line]), *_instructions(sheet, paper, transfer)]:
         for part in wrapped(line.split(" "), room_mm, HEAD_PT, " "):
             y_mm += line_mm(HEAD_PT)
             marks.append(sheet.text_line(left_mm, y_mm, part, HEAD_PT))
