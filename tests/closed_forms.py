@@ -217,7 +217,7 @@ def stage_plate_mm3(d: Design) -> float:
 def adapter_mm3(d: Design) -> float:
     """A disc with holes."""
     plate, tool, high = d.adapter, d.tool, d.adapter.thickness_mm
-    through = plain(tool.flange_diameter_mm) - 4 * plain(plate.pilot_mm) - plain(tool.pin_mm)
+    through = plain(tool.flange_diameter_mm) - 4 * plain(plate.pilot_mm) - plain(tool.pin_mm - 0.2)
     sunk = plate.bolt_bore_depth_mm
     bolt = plain(plate.bolt_hole_mm) * (high - sunk) + plain(plate.bolt_bore_mm) * sunk
     return through * high - 3 * bolt

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from .kernel import bounding_box
 
 FEATURE_MERGE_MM = 1e-5  # by hand, equal coordinates: above rounding; larger merges features
 AXIS_TOLERANCE = 1e-9  # by hand, of the cosine to an axis: above rounding; larger hides a slant
+HALF_SPHERE_SLACK = 1e-6  # by hand, share of its area: above rounding; larger calls a cap a half
 MAX_LEAN_DEG = 5.0  # by hand: a round that leans more has no axis in a drawing
 
 
@@ -41,6 +43,7 @@ class Round:
 
     low_mm, high_mm: ends of its axis. hole: True if the solid is outside. turn_deg: covered angle.
     blind: the end of a hole closed by a flat floor: `low`, `high` or empty. point: on its face.
+    opposed: two of its faces lie opposite each other, as those of a slotted peg.
     """
 
     axis: int
@@ -51,6 +54,12 @@ class Round:
     point: Point
     turn_deg: float = 360.0
     blind: str = ""
+    opposed: bool = False
+
+    @property
+    def by_diameter(self) -> bool:
+        """True if a caliper can measure its diameter; else it has a radius."""
+        return self.opposed or self.turn_deg > 180
 
     @property
     def full_turn(self) -> bool:
@@ -78,7 +87,8 @@ class OtherFace:
     """A face of another kind, dimensioned by a printed number.
 
     kind: label in a drawing. sizes: numbers of which one has to be printed. point: on the face.
-    centre: coordinates to be dimensioned, None along an axis without.
+    centre: coordinates to be dimensioned, None along an axis without. rim: points around the face
+    with the outward normals there.
     """
 
     kind: str
@@ -86,6 +96,7 @@ class OtherFace:
     point: Point
     centre: tuple[float | None, float | None, float | None] = (None, None, None)
     normal: Point = (0.0, 0.0, 0.0)
+    rim: tuple[tuple[Point, Point], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -152,12 +163,19 @@ def _classify_face(face: Any) -> FlatFace | Round | OtherFace:
     if kind == "SPHERE":
         sphere = surface.Sphere()
         r, middle = sphere.Radius(), _to_point(sphere.Location())
-        return OtherFace("SR", (r, 2 * r), _middle_point(surface), middle)
+        half = face.Area() > 2 * math.pi * r**2 * (1 - HALF_SPHERE_SLACK)
+        form, sizes = ("SØ", (2 * r, r)) if half else ("SR", (r, 2 * r))
+        return OtherFace(form, sizes, _middle_point(surface), middle, rim=_rim(face, surface))
     if kind == "TORUS":
-        return OtherFace("R", (surface.Torus().MinorRadius(),), _middle_point(surface))
+        ring = surface.Torus()
+        turn, centre = _to_point(ring.Axis().Direction()), _to_point(ring.Location())
+        x, y, z = (c if abs(d) == 1 else None for c, d in zip(centre, turn, strict=True))
+        radius = (ring.MinorRadius(),)
+        return OtherFace("R", radius, _middle_point(surface), (x, y, z), rim=_rim(face, surface))
     if kind == "CONE":
         half = math.degrees(abs(surface.Cone().SemiAngle()))
-        return OtherFace("cone", (half, 90 - half, 2 * half), _middle_point(surface))
+        sizes = half, 90 - half, 2 * half
+        return OtherFace("cone", sizes, _middle_point(surface), rim=_rim(face, surface))
     box = face.BoundingBox()
     sides = (box.xlen, box.ylen, box.zlen)
     return OtherFace("curve", tuple(s * f for s in sides for f in (1.0, 0.5)), centre)
@@ -177,7 +195,7 @@ def _cylinder(face: Any, surface: Any) -> OtherFace | Round:
     # A hole drilled askew is still a hole; a rounded edge that leans is an edge.
     lean_deg = math.degrees(math.acos(min(abs(direction[axis]), 1.0)))
     if not straight and (turn_deg < 180 or lean_deg > MAX_LEAN_DEG):
-        return OtherFace("R", (radius, 2 * radius), _middle_point(surface))
+        return OtherFace("R", (radius, 2 * radius), _middle_point(surface), rim=_rim(face, surface))
     base = np.array(_to_point(cylinder.Axis().Location()))
     ends = [base + v * direction for v in (surface.FirstVParameter(), surface.LastVParameter())]
     low, high = sorted((_to_point(end) for end in ends), key=lambda p: p[axis])
@@ -224,7 +242,18 @@ def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
     for end, name in ((low, "low"), (high, "high")):
         if first.hole and any(_closes_hole(p, end, name, first) for p in planes):
             blind = name
-    return replace(first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind)
+    return replace(
+        first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind,
+        opposed=any(_are_opposed(a, b) for a, b in combinations(pieces, 2)),
+    )  # fmt: skip
+
+
+def _are_opposed(a: Round, b: Round) -> bool:
+    """True if two faces of one cylinder share a diameter."""
+    u, v = (np.delete(np.subtract(p.point, p.low_mm), p.axis) for p in (a, b))
+    cosine = float(u @ v) / (math.hypot(*u) * math.hypot(*v))
+    turn_deg = math.degrees(math.acos(max(-1.0, min(cosine, 1.0))))
+    return turn_deg + (a.turn_deg + b.turn_deg) / 2 > 180 + 1e-3
 
 
 def _spans_middle(piece: Round, face: Round) -> bool:
@@ -232,6 +261,12 @@ def _spans_middle(piece: Round, face: Round) -> bool:
     i = face.axis
     middle, slack = (face.low_mm[i] + face.high_mm[i]) / 2, FEATURE_MERGE_MM
     return piece.low_mm[i] - slack <= middle <= piece.high_mm[i] + slack
+
+
+def closes(plane: FlatFace, hole: Round) -> bool:
+    """True if a face is the floor of a blind hole."""
+    end = hole.low_mm if hole.blind == "low" else hole.high_mm
+    return bool(hole.blind) and _closes_hole(plane, end, hole.blind, hole)
 
 
 def _closes_hole(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
@@ -250,6 +285,20 @@ def _middle_point(surface: Any) -> Point:
     u = (surface.FirstUParameter() + surface.LastUParameter()) / 2
     v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
     return _to_point(surface.Value(u, v))
+
+
+def _rim(face: Any, surface: Any) -> tuple[tuple[Point, Point], ...]:
+    """Return points of a face, of which some lie on its outline in each view, with normals."""
+    from cadquery import Vector
+    from OCP.BRep import BRep_Tool
+
+    first, last = surface.FirstUParameter(), surface.LastUParameter()
+    v = (surface.FirstVParameter() + surface.LastVParameter()) / 2
+    turns = (first * (1 - share) + last * share for share in (0.5, 0.25, 0.75))
+    points = [_to_point(surface.Value(u, v)) for u in turns]
+    edges = (edge for edge in face.Edges() if not BRep_Tool.Degenerated_s(edge.wrapped))
+    points += [_to_point(edge.positionAt(0.5)) for edge in edges]
+    return tuple((point, _to_point(face.normalAt(Vector(*point)))) for point in points)
 
 
 def _to_point(p: Any) -> Point:

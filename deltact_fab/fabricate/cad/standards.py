@@ -85,6 +85,13 @@ METRIC_THREADS: dict[Thread, MetricThread] = {
     "M5": MetricThread(5.0, 5.5, 0.8, 10.0),
     "M6": MetricThread(6.0, 6.6, 1.0, 12.0),
 }
+M16_PITCH_MM = 0.35  # ISO 261, coarse
+
+
+def thread_text(thread: str) -> str:
+    """Designation of a coarse thread (ISO 261), such as `M4 × 0.7`."""
+    pitch_mm = M16_PITCH_MM if thread == "M1.6" else METRIC_THREADS[thread].pitch_mm  # type: ignore[index]
+    return f"{thread} × {pitch_mm:g}"
 
 
 def screw_tolerance_mm(length_mm: float) -> float:

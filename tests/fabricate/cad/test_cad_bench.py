@@ -14,6 +14,7 @@ from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_
 from deltact_fab.fabricate.cad.fabrication import quantities
 from deltact_fab.fabricate.cad.features import features_of
 from deltact_fab.fabricate.cad.parts import light_holder
+from deltact_fab.fabricate.cad.parts.on_stage import REAMING_MM
 from deltact_fab.fabricate.cad.registry import find_part, list_parts
 from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
 
@@ -33,7 +34,11 @@ def test_bench_holes_match_their_counterparts() -> None:
     tool, plate = D.tool, D.adapter
     for one, other, count in (
         (("tool-holder", tool.screw_hole_mm), ("nano17-adapter", plate.pilot_mm), 4),
-        (("tool-holder", tool.pin_mm + tool.pin_fit_mm), ("nano17-adapter", tool.pin_mm), 1),
+        (
+            ("tool-holder", tool.pin_mm + tool.pin_fit_mm),
+            ("nano17-adapter", tool.pin_mm - REAMING_MM),
+            1,
+        ),
         (("testing-shell", D.table.hole_mm), ("stage-plate", D.stage_plate.thread_hole_mm), 4),
     ):
         assert len(_axes(*one) & _axes(*other)) == count, (one, other)

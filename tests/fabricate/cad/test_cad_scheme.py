@@ -1,9 +1,10 @@
-"""What a drawing says is read off the solid: whatever moves by 1 mm changes it or fails its row."""
+"""What a drawing says is read off the solid: what moves by 0.5 mm changes it or fails its row."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from deltact_fab.fabricate.cad import registry
@@ -16,6 +17,7 @@ from deltact_fab.fabricate.cad.kernel import require
 
 DESIGNS = ("deltact", "large-60x50")  # the others in cad check
 DRAWN = [part.name for part in registry.list_parts() if part.callouts is not None]
+MOVE_MM, LESS_MM = 0.5, 0.4
 QUICK = ("tool-holder", "nano17-adapter", "acrylic", "coupon-mold")
 
 
@@ -39,7 +41,7 @@ def printed(plan: Scheme) -> list[str]:
 
 
 def mutants(cq, solid):
-    """(what moved, the solid with it moved by 1 mm): each hole along x or y, each flat face out."""
+    """(what moved, the solid with it moved by MOVE_MM): each hole along x or y, each flat face."""
     found = features_of(solid)
     for r in found.rounds:
         if not (r.hole and r.full_turn):
@@ -49,13 +51,17 @@ def mutants(cq, solid):
         at = cq.Vector(*r.low_mm)
         plug = cq.Solid.makeCylinder(r.radius_mm, r.length_mm, at, cq.Vector(*way))
         for axis in {0, 1, 2} - {r.axis}:
-            step = [float(i == axis) for i in range(3)]
+            step = [MOVE_MM * (i == axis) for i in range(3)]
             moved = solid.fuse(plug).cut(plug.translate(cq.Vector(*step)))
             yield f"hole at {r.low_mm} along {axis}", moved.clean()
     for face in solid.Faces():
         normal = face.normalAt()
         if face.geomType() == "PLANE" and max(map(abs, normal.toTuple())) > 1 - 1e-9:
-            slab = cq.Solid.extrudeLinear(face.outerWire(), face.innerWires(), normal)
+            level = {round(v.toTuple() @ np.array(normal.toTuple()), 6) for v in solid.Vertices()}
+            at = round(face.Center().toTuple() @ np.array(normal.toTuple()), 6)
+            # A step that is gone has no length.
+            move_mm = LESS_MM if round(at + MOVE_MM, 6) in level else MOVE_MM
+            slab = cq.Solid.extrudeLinear(face.outerWire(), face.innerWires(), normal * move_mm)
             try:
                 moved = solid.fuse(slab).clean()
             except ValueError:  # the kernel gives nothing where the slab touches its neighbours

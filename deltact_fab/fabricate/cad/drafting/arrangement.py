@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,11 @@ NEXT_LEVEL_MM = 7.0  # from one dimension line to the next
 CUT_ROOM_MM = 7.0  # for the letters of a cutting plane
 LABEL_COLUMN_MM = 7.0  # from the outermost dimension to the labels of leaders
 LABEL_RISE_MM = 3.0  # label over its arrow's tip; a level leader would hide in extension lines
+LABEL_STEP_MM, LABEL_STEPS = 2.6, 16  # between the places tried for a label; up and down
+# Of a leader, by hand: through a text, across a leader, across a line, level, on each mm.
+TEXT_COST, LEADER_COST, LINE_COST, LEVEL_COST, LENGTH_COST = 1000.0, 200.0, 6.0, 8.0, 0.4
+REACH_COST = 0.3  # by hand, on each mm of a label beyond the view: smaller needs larger sheets
+MIN_SLOPE = 0.08  # by hand: a flatter leader hides in level lines
 ARROW_TAIL_MM = 5.0  # line behind an arrow that points inwards from outside
 LINE_OVERRUN_MM = 0.7  # half of an extension line's length beyond the dimension line
 
@@ -47,6 +54,17 @@ class _Line:
     level: int = 0
 
 
+@dataclass(frozen=True)
+class _Label:
+    """A label at its place: where its text begins or ends, and its leader, paper mm."""
+
+    text: str
+    side: str
+    end: Point2
+    path: tuple[Point2, Point2, Point2]  # tip, knee, before the text
+    rect: Rect
+
+
 @dataclass
 class ArrangedView:
     """One view on paper with its items.
@@ -60,7 +78,7 @@ class ArrangedView:
     cut_x: float | None = None  # on the model's plane, where this view shows the cutting plane
     heading: str = ""
     lines: dict[PaperSide, list[_Line]] = field(default_factory=dict)
-    labels: list[tuple[Leader, float, float]] = field(default_factory=list)
+    labels: list[_Label] = field(default_factory=list)
     margins: Rect = (0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -70,14 +88,8 @@ class ArrangedView:
             self.lines[side] = self._levels(side, lines, occupied)
             occupied += [self._rect(side, line) for line in self.lines[side]]
         (width, height), rects = self.size_mm, list(occupied)
-        for side in ("left", "right"):
-            edge = max((r[2] - width if side == "right" else -r[0] for r in occupied), default=2.0)
-            x = width + edge + LABEL_COLUMN_MM if side == "right" else -edge - LABEL_COLUMN_MM
-            for leader, y in self._column(side):
-                self.labels.append((leader, x, y))
-                text_mm = text_width_mm(leader.text)
-                x_text = x if side == "right" else x - text_mm
-                rects.append((x_text, y - TEXT_MM, x_text + text_mm, y))
+        self._place_labels(occupied)
+        rects += [label.rect for label in self.labels]
         cut_room = CUT_ROOM_MM if self.cut_x is not None else 0.0
         rects.append((-2.0, -cut_room - 2, width + 2, height + cut_room + 2))
         low, high = min(r[1] for r in rects), max(r[3] for r in rects)
@@ -145,14 +157,62 @@ class ArrangedView:
         text_centre = high + ARROW_TAIL_MM + width / 2
         return _Line(item, low, high, text_centre, False, (span[0], text_centre + width / 2))
 
-    def _column(self, side: PaperSide) -> Iterable[tuple[Leader, float]]:
-        """Yield the labels of one side from the top down, with their base lines' y."""
-        leaders = [i for i in self.items if isinstance(i, Leader) and i.side == side]
-        y_min = -math.inf
-        for leader in sorted(leaders, key=lambda i: self.local(i.point)[::-1]):
-            y = max(self.local(leader.point)[1] - LABEL_RISE_MM, y_min)
-            yield leader, y
-            y_min = y + TEXT_LINE_MM + 1.0
+    def _place_labels(self, occupied: Sequence[Rect]) -> None:
+        """Place each label beside the view, where its leader meets least."""
+        import shapely
+
+        width, _ = self.size_mm
+        columns = {
+            "left": (-2.0, min([-2.0, *(r[0] for r in occupied)])),
+            "right": (width + 2.0, max([width + 2.0, *(r[2] for r in occupied)])),
+        }
+        view, full = self.projection, shapely.union_all([shapely.box(*r) for r in occupied])
+        sides = [(side, line) for side in PAPER_SIDES for line in self.lines[side]]
+        words = shapely.union_all([shapely.box(*self._text_rect(*line)) for line in sides])
+        strokes: list[Any] = [stroke for line in sides for stroke in self._strokes(*line)]
+        strokes += on_paper((*view.visible, *view.hidden), view, self.scale, (0.0, 0.0))
+        pairs = [pair for stroke in strokes for pair in pairwise(np.asarray(stroke).tolist())]
+        drawn = shapely.STRtree(shapely.linestrings(pairs))
+        leaders = [i for i in self.items if isinstance(i, Leader)]
+        for leader in sorted(leaders, key=lambda i: (*self.local(i.point)[::-1], i.text)):
+            options = [o for side in columns for o in self._options(leader, side, columns[side])]
+            paths = shapely.linestrings([option.path for option in options])
+            rects = shapely.box(*np.transpose([option.rect for option in options]))
+            cost = TEXT_COST * shapely.intersects(paths, words)
+            cost += TEXT_COST * shapely.intersects(rects, full)
+            cost += REACH_COST * np.array([max(-o.rect[0], o.rect[2] - width) for o in options])
+            cost += LENGTH_COST * shapely.length(paths)
+            crossed, _ = drawn.query(paths, predicate="intersects")
+            cost += LINE_COST * np.bincount(crossed, minlength=len(options))
+            dx, dy = np.abs(np.diff([o.path[:2] for o in options], axis=1)[:, 0]).T
+            cost += LEVEL_COST * (dy < MIN_SLOPE * dx)
+            for label in self.labels:
+                cost += LEADER_COST * shapely.intersects(paths, shapely.linestrings(label.path))
+                box = shapely.box(*label.rect).buffer((TEXT_LINE_MM + 1.0 - TEXT_MM) / 2)
+                cost += TEXT_COST * (
+                    shapely.intersects(rects, box) | shapely.intersects(paths, box)
+                )
+                cost += TEXT_COST * shapely.intersects(shapely.linestrings(label.path), rects)
+            self.labels.append(options[int(np.argmin(cost.round(6)))])
+
+    def _options(self, leader: Leader, side: str, columns: Sequence[float]) -> list[_Label]:
+        """Return the places for a label on one side."""
+        sign = -1.0 if side == "left" else 1.0
+        width = text_width_mm(leader.text)
+        steps = sorted(range(-LABEL_STEPS, LABEL_STEPS + 1), key=abs)
+        options = []
+        for point in (leader.point, *leader.others):
+            cx, cy = self.local(point)
+            for column, step in product(sorted(set(columns)), steps):
+                x = column + sign * LABEL_COLUMN_MM
+                y = cy - LABEL_RISE_MM + LABEL_STEP_MM * step
+                knee = x - sign * 2.5, y - TEXT_MM / 2
+                dx, dy = knee[0] - cx, knee[1] - cy
+                rim = leader.radius_mm * self.scale / math.hypot(dx, dy)
+                path = (cx + dx * rim, cy + dy * rim), knee, (x - sign * 0.8, knee[1])
+                rect = min(x, x + sign * width), y - TEXT_MM, max(x, x + sign * width), y
+                options.append(_Label(leader.text, side, (x, y), path, rect))
+        return options
 
     def draw(self, page: DrawingPage, name: str, origin: Point2) -> None:
         """Draw the view with its dimensions, labels and centre lines; origin: upper left corner."""
@@ -177,44 +237,51 @@ class ArrangedView:
         for side in self.lines:
             for line in self.lines[side]:
                 self._draw_line(page, origin, side, line)
-        for leader, x, y in self.labels:
-            self._draw_label(page, origin, leader, page_point(x, y))
+        for label in self.labels:
+            path = [page_point(*point) for point in label.path]
+            page.path([path], "leader")
+            page.arrow(path[0], (path[0][0] - path[1][0], path[0][1] - path[1][1]))
+            anchor = "end" if label.side == "left" else "start"
+            page.text(page_point(*label.end), label.text, TEXT_MM, anchor)
         if self.heading:
             middle = page_point(self.size_mm[0] / 2, -self.margins[1] + TITLE_MM)
             page.text(middle, self.heading, TITLE_MM, "middle")
 
+    def _strokes(self, side: PaperSide, line: _Line) -> list[list[Point2]]:
+        """Return the extension lines and the dimension line, in the view's frame."""
+        across = self._across(side, line.level)
+        overrun = LINE_OVERRUN_MM if side in ("bottom", "right") else -LINE_OVERRUN_MM
+        strokes = [[(line.span[0], across), (line.span[1], across)]]
+        for point in (line.item.a, line.item.b):
+            along, start = self.local(point)[:: 1 if side in ("top", "bottom") else -1]
+            gap = 0.6 if across > start else -0.6
+            strokes.append([(along, start + gap), (along, across + 2 * overrun)])
+        return [[_turned(side, *point) for point in stroke] for stroke in strokes]
+
+    def _text_rect(self, side: PaperSide, line: _Line) -> Rect:
+        """Rectangle of a dimension's text."""
+        across, half = self._across(side, line.level) - 1.0, text_width_mm(line.item.text) / 2
+        (x0, y0), (x1, y1) = (
+            _turned(side, line.text_at + sign * half, across - TEXT_MM * (sign < 0))
+            for sign in (-1, 1)
+        )
+        return x0, y0, x1, y1
+
     def _draw_line(self, page: DrawingPage, origin: Point2, side: PaperSide, line: _Line) -> None:
         flat = side in ("top", "bottom")
         across = self._across(side, line.level)
-        overrun = LINE_OVERRUN_MM if side in ("bottom", "right") else -LINE_OVERRUN_MM
 
         def page_point(along: float, over: float) -> Point2:
-            x, y = (along, over) if flat else (over, along)
+            x, y = _turned(side, along, over)
             return origin[0] + x, origin[1] + y
 
-        for point in (line.item.a, line.item.b):
-            x, y = self.local(point)
-            along, start = (x, y) if flat else (y, x)
-            gap = 0.6 if across > start else -0.6
-            page.line(page_point(along, start + gap), page_point(along, across + 2 * overrun))
+        for stroke in self._strokes(side, line):
+            page.path(np.add(stroke, origin)[None], "thin")
         sign = 1.0 if line.inside else -1.0
-        page.line(page_point(line.span[0], across), page_point(line.span[1], across))
         for end, direction in ((line.low, -sign), (line.high, sign)):
             page.arrow(page_point(end, across), (direction, 0.0) if flat else (0.0, direction))
         middle = page_point(line.text_at, across - 1.0)
         page.text(middle, line.item.text, anchor="middle", upright=not flat)
-
-    def _draw_label(self, page: DrawingPage, origin: Point2, leader: Leader, end: Point2) -> None:
-        """Draw a label and its leader, which ends in an arrow at the feature's rim."""
-        sign = -1.0 if leader.side == "left" else 1.0
-        knee = (end[0] - sign * 2.5, end[1] - TEXT_MM / 2)
-        cx, cy = (o + c for o, c in zip(origin, self.local(leader.point), strict=True))
-        dx, dy = knee[0] - cx, knee[1] - cy
-        rim_share = leader.radius_mm * self.scale / math.hypot(dx, dy)
-        tip = (cx + dx * rim_share, cy + dy * rim_share)
-        page.path([[tip, knee, (end[0] - sign * 0.8, knee[1])]], "thin")
-        page.arrow(tip, (-dx, -dy))
-        page.text(end, leader.text, TEXT_MM, "end" if leader.side == "left" else "start")
 
     def _draw_cut(self, page: DrawingPage, origin: Point2) -> None:
         """Draw the cutting plane (ISO 128-44): wide ends, arrows in the viewing direction."""
@@ -229,6 +296,11 @@ class ArrangedView:
             page.line((x - 5.0, y + 5 * outward), (x, y + 5 * outward))
             page.arrow((x, y + 5 * outward), (1.0, 0.0))
             page.text((x - 5.8, base), "A", TITLE_MM, "end")
+
+
+def _turned(side: PaperSide, along: float, over: float) -> Point2:
+    """Return x, y of a point along and across the dimension lines of a side."""
+    return (along, over) if side in ("top", "bottom") else (over, along)
 
 
 def on_paper(lines: Sequence[Field], view: DrawnView, scale: float, corner: Point2) -> list[Field]:

@@ -41,13 +41,16 @@ class Linear:
 
 @dataclass(frozen=True)
 class Leader:
-    """A label with an arrow to a circle of radius_mm about a point, or to the point (0)."""
+    """A label with an arrow to a circle of radius_mm about a point, or to the point (0).
+
+    others: points of equal features, of which the label may point to any.
+    """
 
     view: str
     point: Point
     radius_mm: float
     text: str
-    side: Literal["left", "right"] = "right"
+    others: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ Item = Linear | Leader | CentreLine
 
 
 GENERAL_TOLERANCE = "ISO 2768-m"
+SCREWS_CUT = "Screws cut their threads in the pilots: do not tap."
 SQUARE_EDGES = "Sharp edges broken 0.2 at most."
 
 
@@ -104,10 +108,10 @@ class Callouts:
     """Callouts from the part's own file; every other length is read off the solid.
 
     lengths: fitted ones, or those a machinist must see. rounds: text added to a label, by
-    diameter, mm. fitted: diameters with limits. labels: for faces neither flat nor round.
-    axes: (axis, coordinate) of repeated groups of features. cut_x_mm: plane of section A-A, seen
-    from -x, which replaces the left view. rests_on: keys the part depends on; unverified ones are
-    named on the drawing.
+    diameter, mm; the label stands in its braces if it has some. fitted: diameters with limits.
+    labels: for faces neither flat nor round. axes: (axis, coordinate) of repeated groups of
+    features. cut_x_mm: plane of section A-A, seen from -x, which replaces the left view.
+    rests_on: keys the part depends on; unverified ones are named on the drawing.
     """
 
     lengths: tuple[Span, ...] = ()

@@ -110,7 +110,8 @@ def drawing(part: Part, design: Design, solid: Any, document: str = "part drawin
         notes.append(f"Depends on unverified values: {', '.join(open_keys)}.")
     features = features_of(solid)
     general, off_mm = _tolerances(part, design)
-    items = list(Placing(features, callouts, projections, off_mm).items(scheme(features, callouts)))
+    placing = Placing(features, callouts, projections, off_mm, solid)
+    items = list(placing.items(scheme(features, callouts)))
     layout = _fit_layout(part.name, projections, callouts, items, notes)
     page = DrawingPage(FORMATS_MM[layout.sheet], f"{part.name}, {layout.scale}")
     cells = {

@@ -38,6 +38,7 @@ LINE_STROKES: dict[str, tuple[float, tuple[float, ...]]] = {
     "smooth": (0.18, ()),
     "centre": (0.18, (5, 1, 0.6, 1)),
     "thin": (0.18, ()),
+    "leader": (0.18, ()),
     "hatch": (0.18, ()),
     "cut": (0.35, (6, 1.2, 0.8, 1.2)),
     "frame": (0.5, ()),
@@ -59,7 +60,7 @@ TITLE_CELLS: tuple[tuple[tuple[int, str], ...], ...] = (
     ((90, "Title"), (60, "Belongs to"), (30, "Made by")),
     ((90, "Drawing number"), (20, "Revision"), (40, "Date of issue"), (30, "Sheet")),
 )  # fmt: skip
-BROKEN_STYLES = ("thin", "hatch", "centre", "cut")
+BROKEN_STYLES = ("thin", "leader", "hatch", "centre", "cut")
 """Line styles that are broken at a text."""
 
 

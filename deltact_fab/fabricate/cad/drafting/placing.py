@@ -6,16 +6,18 @@ edge, then lengths already there. A label goes to the view along its round's axi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
 from deltact_fab.common import Field, Point
 
 from ..features import OtherFace, Round, SolidFeatures
+from ..rays import ExactRays
 from .dimensioning import Callouts, CentreLine, Item, Leader, Linear, PaperSide, Span, toleranced
-from .projection import DrawnView
+from .projection import SHEET_CHORD_MM, DrawnView, View
 from .scheme import GRID_MM, Rounds, Scheme
 
 # By definition: views of a length along each axis, better one first; 0: horizontal, 1: vertical.
@@ -24,6 +26,10 @@ AXIAL_VIEWS = ("left", "front", "top")  # the view along each axis
 ON_LINE_MM = 2e-3  # of a drawn line, by hand: more takes points beside a line for visible
 # By hand: hidden ends outweigh distance, distance outweighs levels; a sheet is wider than high.
 HIDDEN_COST, FAR_COST, CROWD_COST = 10.0, 6.0, (2.0, 0.7)
+CLEAR_MM = 0.02  # by hand, from a face into the air: above rounding, below any gap
+OUTLINE_MM = 0.05  # by hand, from an outline: a leader's tip seems to be on it
+RIM_POINTS = 9  # by hand: fewer call a circle hidden that a corner covers
+MAX_TARGETS = 8  # by hand, of equal features a label may point to: more take longer
 LENGTH_SIDES: tuple[tuple[PaperSide, PaperSide], ...] = (("bottom", "top"), ("left", "right"))
 
 
@@ -43,9 +49,12 @@ class Placing:
         callouts: Callouts,
         projections: Mapping[str, DrawnView],
         off_mm: Sequence[float],
+        solid: Any,
     ) -> None:
         self._features, self._callouts = features, callouts
         self._projections, self._off_mm = projections, off_mm
+        self._rays = ExactRays(solid)
+        self._views = [name for name in projections if name != "picture"]
         self._count: dict[tuple[str, PaperSide], int] = {}
 
     def items(self, plan: Scheme) -> Iterator[Item]:
@@ -126,28 +135,47 @@ class Placing:
         if group.about_middle:
             yield self._register(self._diameter(group, fitted))
             return
-        view, projection = AXIAL_VIEWS[r.axis], self._projections[AXIAL_VIEWS[r.axis]]
         text = group.label
         if fitted:
             plain, limits = (toleranced(2 * r.radius_mm, mm) for mm in (0.0, self._off_mm[0]))
             text = text.replace(f"Ø{plain}", f"Ø{limits}", 1)
-        if r.turn_deg > 180:
-            for member in group.members:
-                yield from self._cross(view, np.array(member.high_mm), r.radius_mm)
-        (x0, _), (x1, _) = projection.box_mm
+        axial = AXIAL_VIEWS[r.axis]
+        cut = self._callouts.cut_x_mm if axial == "left" else None
+        for member in group.members:
+            if r.by_diameter and (cut is None or member.high_mm[0] > cut):
+                yield from self._cross(axial, np.array(member.high_mm), r.radius_mm)
+        yield self._leader(group.members, text)
 
-        def cost(c: Round) -> tuple[float, float]:
-            u, v = projection.view.flat(c.point if c.turn_deg < 360 else c.high_mm)
-            hidden = not projection.shows(list(_sides(c, c.high_mm)), ON_LINE_MM).any()
-            return HIDDEN_COST * hidden + FAR_COST * min(u - x0, x1 - u) / (x1 - x0), -v
+    def _seen(
+        self, view: str, point: Point, outward: Field, near_mm: float = ON_LINE_MM + SHEET_CHORD_MM
+    ) -> bool:
+        """True if a point of the solid lies on a visible line of a view and nothing hides it."""
+        projection, cut = self._projections[view], self._callouts.cut_x_mm
+        if not projection.shows([point], near_mm)[0]:
+            return False
+        start = np.array(point) + CLEAR_MM * outward
+        hidden_at_mm, _ = self._rays.first(start, projection.view.axes[2])
+        if view == "left" and cut is not None:  # the half before the section hides nothing
+            kept_mm = point[0] - cut
+            return kept_mm > -GRID_MM and hidden_at_mm > kept_mm - CLEAR_MM
+        return hidden_at_mm == math.inf
 
-        nearest = min(group.members, key=cost)
-        u = projection.view.flat(nearest.high_mm)[0]
-        side: Literal["left", "right"] = "right" if x1 - u <= u - x0 + 1e-6 else "left"
-        if nearest.turn_deg < 180:
-            yield Leader(view, nearest.point, 0, text, side)
-        else:
-            yield Leader(view, nearest.high_mm, nearest.radius_mm, text, side)
+    def _leader(self, rounds: Sequence[Round], text: str) -> Leader:
+        """Label equal rounds in a view where one is seen: along its axis, else from the side."""
+        axial = AXIAL_VIEWS[rounds[0].axis]
+        for view in sorted(self._views, key=lambda name: name != axial):
+            seen = []
+            for r in rounds:
+                side = view != axial and r.full_turn
+                ends = _generators(r, self._projections[view].view) if side else _rim(r)
+                ends = [p for p in ends if self._seen(view, p, _outward(r, p))]
+                if view == axial and r.full_turn:
+                    ends = [r.high_mm] if 2 * len(ends) > RIM_POINTS else []
+                seen += ends
+            if seen:
+                radius_mm = rounds[0].radius_mm if view == axial and rounds[0].full_turn else 0.0
+                return _leader_to(view, seen, radius_mm, text)
+        return Leader(axial, rounds[0].point, 0.0, text)
 
     def _cross(self, view: str, centre: Field, radius_mm: float) -> Iterator[CentreLine]:
         """Yield the cross over a circle; the cutting plane is a centre line already."""
@@ -158,11 +186,12 @@ class Placing:
             yield CentreLine(view, _point(centre + up), _point(centre - up), 1.5)
 
     def _face_label(self, faces: Sequence[OtherFace], text: str) -> Leader:
-        """Label one of several equal faces that are neither flat nor round."""
-        projection = self._projections["front"]
-        (x0, _), (x1, _) = projection.box_mm
-        right = 2 * projection.view.flat(faces[0].point)[0] >= x0 + x1
-        return Leader("front", faces[0].point, 0, text, "right" if right else "left")
+        """Label equal faces, neither flat nor round, in a view that shows the outline of one."""
+        rim = [place for face in faces for place in face.rim]
+        for view in self._views:
+            if seen := [p for p, n in rim if self._seen(view, p, np.array(n), OUTLINE_MM)]:
+                return _leader_to(view, seen, 0.0, text)
+        return Leader("front", faces[0].point, 0.0, text)
 
     def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
         """Place a diameter as a length, preferably in a view from the side."""
@@ -217,3 +246,36 @@ def _sides(r: Round, end: Point) -> Iterator[Point]:
         if i != r.axis:
             for sign in (-1, 1):
                 yield _replace(end, i, end[i] + sign * r.radius_mm)
+
+
+def _rim(r: Round) -> list[Point]:
+    """Return points of a round along its arc, on both sides of the middle of a face."""
+    outward = -_outward(r, r.point) if r.hole else _outward(r, r.point)
+    centre = r.point - r.radius_mm * outward
+    across = np.cross(np.eye(3)[r.axis], outward)
+    reach = math.pi if r.full_turn else math.radians(min(r.turn_deg / 8, 20.0))
+    turns = reach * np.linspace(-1, 1, RIM_POINTS)
+    return [
+        _point(centre + r.radius_mm * (math.cos(t) * outward + math.sin(t) * across))
+        for t in turns
+    ]  # fmt: skip
+
+
+def _outward(r: Round, point: Point) -> Field:
+    """Return the unit normal of a round at a point, away from the solid."""
+    normal = np.subtract(point, r.low_mm)
+    normal[r.axis] = 0.0
+    return np.asarray(normal / np.linalg.norm(normal) * (-1.0 if r.hole else 1.0))
+
+
+def _leader_to(view: str, points: Sequence[Point], radius_mm: float, text: str) -> Leader:
+    """Return a label of equal features, seen at these points."""
+    first, *others = points[:: math.ceil(len(points) / MAX_TARGETS)]
+    return Leader(view, first, radius_mm, text, tuple(others))
+
+
+def _generators(r: Round, view: View) -> list[Point]:
+    """Return the middles of the two outlines of a round seen from the side."""
+    middle = (np.array(r.low_mm) + r.high_mm) / 2
+    across = min(view.axes[:2], key=lambda axis: abs(axis[r.axis]))
+    return [_point(middle + sign * r.radius_mm * across) for sign in (-1, 1)]

@@ -15,6 +15,7 @@ from deltact_fab.common import Field, Point, Point2
 from ..kernel import require
 from .dimensioning import Callouts
 
+TANGENT_RAD = 1e-6  # by hand: above rounding; larger draws a slight edge as smooth
 # By hand: finer sampling costs time and bytes. Lines closer than the last are one, below any print.
 SHEET_CHORD_MM, SAMPLING_ANGLE_RAD, SAME_LINE_MM = 0.005, 0.15, 1e-4
 
@@ -104,7 +105,7 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = SHEET_CHORD_MM)
 
     right, _, back = view.axes
     # Copies: one solid may stand in two places, and a mesh left by an export changes its box.
-    shapes = [solid.copy().wrapped for solid in solids]
+    shapes = [_with_smooth_edges(solid) for solid in solids]
     removal = HLRBRep_Algo()
     for shape in shapes:
         removal.Add(shape)
@@ -126,6 +127,15 @@ def project(solids: Sequence[Any], view: View, chord_mm: float = SHEET_CHORD_MM)
         DrawnView(view, _clean(visible), _clean(hidden, covering), _clean(smooth, covering))
         for visible, hidden, smooth in line_sets
     ]
+
+
+def _with_smooth_edges(solid: Any) -> Any:
+    """Return a copy whose flush and tangent faces meet in edges marked as smooth."""
+    from OCP.BRepLib import BRepLib
+
+    shape = solid.copy().wrapped
+    BRepLib.EncodeRegularity_s(shape, TANGENT_RAD)
+    return shape
 
 
 def sample_edge(edge: Any, chord_mm: float = SHEET_CHORD_MM) -> Field:
@@ -166,7 +176,14 @@ def _clean(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
     merged = _merge_lines(lines)
     if covering is not None:
         merged = shapely.difference(merged, covering, grid_size=SAME_LINE_MM)
-    chains = [line.coords for line in shapely.get_parts(shapely.line_merge(merged).normalize())]
+    parts = shapely.get_parts(shapely.line_merge(merged).normalize())
+    if covering is not None:
+        # One curve sampled in two ways: its dashes would fill each other's gaps.
+        parts = parts[np.argsort(-shapely.length(parts), kind="stable")]
+        near = shapely.buffer(parts, 2 * SHEET_CHORD_MM, quad_segs=1)
+        pairs = shapely.STRtree(parts).query(near, predicate="covers")
+        parts = np.delete(parts, np.unique(pairs[1][pairs[0] < pairs[1]]))
+    chains = [line.coords for line in parts]
     return tuple(np.array(chain) + 0.0 for chain in sorted(map(list, chains)))
 
 

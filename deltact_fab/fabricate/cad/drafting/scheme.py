@@ -13,18 +13,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
-from ..features import OtherFace, Round, SolidFeatures
+from ..features import OtherFace, Round, SolidFeatures, closes
 from .dimensioning import Callouts, Span, fmt
 
 AXIS_NAMES = "xyz"
 # By hand: coordinates and radii (share) that count as equal; below any process, above rounding.
 GRID_MM, CIRCLE_TOLERANCE = 1e-4, 1e-3
+PRINTED_MM = 0.0051  # by hand: half of the last printed digit
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Rounds:
         """True for a single round about the part's axis: its diameter is drawn as a length."""
         first = self.first
         centre = [c for i, c in enumerate(first.low_mm) if i != first.axis]
-        return len(self.members) == 1 and math.hypot(*centre) < GRID_MM and first.turn_deg > 180
+        return len(self.members) == 1 and math.hypot(*centre) < GRID_MM and first.by_diameter
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,12 @@ class Scheme:
 def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
     """Build the scheme of a solid; callouts: fitted lengths and labels of its part."""
     groups = _group_rounds(features, callouts)
-    on_circle = {r for group in groups if " apart" in group.label for r in group.members}
+    labels = {r: group.label for group in groups for r in group.members}
     lengths: list[Span] = []
     faults: list[str] = []
     middle = []
     for axis in range(3):
-        chain = _Chain(axis, features, callouts, on_circle)
+        chain = _Chain(axis, features, callouts, labels)
         for length in callouts.lengths:
             if length.axis == axis:
                 faults += chain.join(length)
@@ -76,10 +77,10 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
         lengths += chain.lengths
         if chain.even:
             middle.append(axis)
-    printed = _numbers(lengths, groups, callouts)
+    texts = [*labels.values(), *(leader.text for leader in callouts.labels), *callouts.notes]
     open_faces: dict[tuple[object, ...], list[OtherFace]] = {}
     for face in features.other_faces:
-        if not _is_dimensioned(face, features, printed):
+        if not _is_dimensioned(face, features, "\n".join(texts)):
             key = (face.kind, *(round(size, 6) for size in face.sizes[:1]))
             open_faces.setdefault(key, []).append(face)
     labelled = []
@@ -95,7 +96,7 @@ def scheme(features: SolidFeatures, callouts: Callouts) -> Scheme:
 
 def _face_label(faces: Sequence[OtherFace]) -> str:
     """Label of equal faces of another kind; empty if one number does not define their form."""
-    forms = {"SR": "SR{}", "R": "R{}", "cone": "{}° to the axis"}
+    forms = {"SØ": "SØ{}", "SR": "SR{}", "R": "R{}", "cone": "{}° to the axis"}
     if faces[0].kind not in forms:
         return ""
     count = f"{len(faces)}× " if len(faces) > 1 else ""
@@ -104,12 +105,12 @@ def _face_label(faces: Sequence[OtherFace]) -> str:
 
 @dataclass
 class _Chain:
-    """Coordinates of one axis, and their connections by lengths."""
+    """Coordinates of one axis, and their connections by lengths and by what the labels say."""
 
     axis: int
     features: SolidFeatures
     callouts: Callouts
-    on_circle: set[Round]
+    labels: Mapping[Round, str]
     lengths: list[Span] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -119,12 +120,21 @@ class _Chain:
         self.planes = {_key(p.at_mm) for p in features.planes if p.axis == k}
         self.ends = {_key(features.low_mm[k]), _key(features.high_mm[k])}
         self.rounds = [r for r in features.rounds if r.axis != k]
-        spheres = [c for o in features.other_faces if (c := o.centre[k]) is not None]
+        middles = [(o.kind, c) for o in features.other_faces if (c := o.centre[k]) is not None]
+        spheres = [c for kind, c in middles if kind != "R"]
         self.axes = {_key(c) for axis, c in self.callouts.axes if axis == k}
         self.centres = self.axes | {_key(c) for c in spheres}
         self.centres |= {_key(r.low_mm[k]) for r in self.rounds if not r.rounds_an_edge}
         self.nodes = self.planes | self.ends | self.centres
-        self.nodes |= {_key(r.low_mm[k]) for r in self.rounds}
+        self.nodes |= {_key(r.low_mm[k]) for r in self.rounds} | {_key(c) for _, c in middles}
+        # A round may end without a face there, at a cone or a rounded edge.
+        rims = {(e.axis, _key(e.radius_mm), *map(_key, e.low_mm)) for e in features.edges}
+        self.nodes |= {
+            _key(end[k])
+            for r in features.rounds
+            for end in (r.low_mm, r.high_mm)
+            if r.axis == k and (k, _key(r.radius_mm), *map(_key, end)) in rims
+        }
         # Nodes given by one number: mirrored about the middle, or repeated about several axes.
         self.same = DisjointSet({-n for n in self.nodes} | self.nodes)
         # Nodes connected by lengths.
@@ -139,26 +149,33 @@ class _Chain:
         self._join_rounds()
 
     def _join_rounds(self) -> None:
-        """Connect nodes given by a labelled radius or depth."""
-        k = self.axis
+        """Connect nodes by the radius, circle or depth that a label says."""
+        k, labels = self.axis, self.labels
         for r in self.rounds:
+            if not (_says(labels[r], "Ø", 2 * r.radius_mm) or _says(labels[r], "R", r.radius_mm)):
+                continue
             centre_node = _key(r.low_mm[k])
             bounds = self.ends if r.full_turn else self.ends | self.planes
             for side in (-1, 1):
                 edge = _key(r.low_mm[k] + side * r.radius_mm)
                 if edge in bounds and not (r.full_turn and r.hole):
                     self._union(centre_node, edge)
-            if r in self.on_circle:
+            if " apart" in labels[r]:
                 self._union(centre_node, self.datum)
         for o in self.features.other_faces:
             centre = o.centre[k]
             if centre is not None:
                 for side in (-1, 1):
-                    edge = _key(centre + side * o.sizes[0])
+                    edge = _key(centre + side * min(o.sizes))
                     if edge in self.ends | self.planes:
                         self._union(_key(centre), edge)
-        for r in self.features.rounds:
-            if r.axis == k and r.blind:
+        # A depth locates the floor of its hole, not a face that happens to be level with it.
+        deep = [r for r in labels if r.axis == k and _says(labels[r], "depth ", r.length_mm)]
+        faces = [p for p in self.features.planes if p.axis == k]
+        level = {_key(p.at_mm) for p in faces if not any(closes(p, r) for r in deep)}
+        for r in deep:
+            end = _key((r.low_mm if r.blind == "low" else r.high_mm)[k])
+            if end not in level | self.centres:
                 self._union(_key(r.low_mm[k]), _key(r.high_mm[k]))
 
     def join(self, length: Span) -> Iterator[str]:
@@ -181,9 +198,10 @@ class _Chain:
         self._add_rows()
         self._add_slots()
 
-        def rank(n: int) -> tuple[bool, bool, bool, int, int]:
-            """Sort key: of connected nodes place a centre, else a symmetric one."""
-            return n not in self.axes, n not in self.centres, not self._is_symmetric(n), -abs(n), n
+        def rank(n: int) -> tuple[bool, bool, bool, bool, int, int]:
+            """Sort key: of connected nodes place a centre, else a face, else a symmetric one."""
+            kinds = n not in self.axes, n not in self.centres, n not in self.planes
+            return *kinds, not self._is_symmetric(n), -abs(n), n
 
         for node in sorted(self.nodes, key=rank):
             if not self._is_located(node):
@@ -196,8 +214,7 @@ class _Chain:
     def _is_diameter(self, low_mm: float, high_mm: float) -> bool:
         """True if a round about the middle spans the part."""
         return any(
-            _key(2 * r.radius_mm) == _key(high_mm - low_mm) and r.turn_deg > 180
-            for r in self.rounds
+            _key(2 * r.radius_mm) == _key(high_mm - low_mm) and r.by_diameter for r in self.rounds
         )
 
     def _add_from_datum(self, a: int, b: int) -> None:
@@ -212,7 +229,7 @@ class _Chain:
         rows: dict[tuple[object, ...], set[int]] = {}
         for r in self.rounds:
             rest = (_key(c) for i, c in enumerate(r.low_mm) if i not in (self.axis, r.axis))
-            row = rows.setdefault((r.axis, r.hole, r.turn_deg > 180, *rest), set())
+            row = rows.setdefault((r.axis, r.hole, r.by_diameter, *rest), set())
             row.add(_key(r.low_mm[self.axis]))
         for row in rows.values():
             loose = sorted(n for n in row if not self._is_located(n) and not self._is_symmetric(n))
@@ -310,7 +327,7 @@ def _group_rounds(features: SolidFeatures, callouts: Callouts) -> list[Rounds]:
     for r in features.rounds:
         key: tuple[object, ...] = (_key(r.radius_mm), r.hole, r.rounds_an_edge, r.axis == 2)
         if not r.rounds_an_edge or r.axis == 2:
-            key = (*key, r.axis, r.turn_deg > 180, r.blind, _key(r.length_mm))
+            key = (*key, r.axis, r.by_diameter, r.blind, _key(r.length_mm))
         groups.setdefault(key, []).append(r)
     return [Rounds(tuple(g), _round_label(g, features, callouts)) for g in groups.values()]
 
@@ -319,13 +336,20 @@ def _round_label(group: Sequence[Round], features: SolidFeatures, callouts: Call
     first, count = group[0], len(group)
     diameter = 2 * first.radius_mm
     callout = next((w for d, w in callouts.rounds.items() if abs(d - diameter) < 1e-6), None)
-    sort = f"Ø{fmt(diameter)}" if first.turn_deg > 180 else f"R{fmt(first.radius_mm)}"
-    label = (f"{count}× " if count > 1 else "") + sort
-    if first.hole and first.turn_deg > 180:
-        label += f" depth {fmt(first.length_mm)}" if first.blind else " through"
+    label = f"Ø{fmt(diameter)}" if first.by_diameter else f"R{fmt(first.radius_mm)}"
+    if first.blind and _opens_in_plane(first, features):
+        label += f" depth {fmt(first.length_mm)}"
+    elif first.hole and first.by_diameter and not first.blind:
+        label += " through"
     if callout:
-        label += f" {callout}"
-    return label + _circle_text(group, features)
+        label = callout.format(label) if "{}" in callout else f"{label} {callout}"
+    return (f"{count}× " if count > 1 else "") + label + _circle_text(group, features)
+
+
+def _opens_in_plane(hole: Round, features: SolidFeatures) -> bool:
+    """True if a depth can be measured from the face that a blind hole is made in."""
+    mouth = (hole.high_mm if hole.blind == "low" else hole.low_mm)[hole.axis]
+    return any(p.axis == hole.axis and _key(p.at_mm - mouth) == 0 for p in features.planes)
 
 
 def _circle_text(group: Sequence[Round], features: SolidFeatures) -> str:
@@ -354,16 +378,19 @@ def _circle_text(group: Sequence[Round], features: SolidFeatures) -> str:
     return f", on Ø{fmt(2 * radius[0])}, {fmt(step)}° apart, first at {fmt(angle[0])}°"
 
 
-def _numbers(lengths: Sequence[Span], groups: Sequence[Rounds], callouts: Callouts) -> list[float]:
-    """Collect every number of the drawing."""
-    texts = [*(g.label for g in groups), *(i.text for i in callouts.labels), *callouts.notes]
-    numbers = [float(n) for text in texts for n in re.findall(r"\d+(?:\.\d+)?", text)]
-    return numbers + [length.value_mm for length in lengths]
+def _says(text: str, sign: str, value: float) -> bool:
+    """True if a text has a number after this sign, or before it (`°`), that rounds to the value."""
+    number = r"(?<![\d.])(\d+(?:\.\d+)?)"
+    pattern = number + sign if sign == "°" else rf"(?<!S){sign}(\d+(?:\.\d+)?)"
+    return any(abs(float(n) - value) < PRINTED_MM for n in re.findall(pattern, text))
 
 
-def _is_dimensioned(face: OtherFace, features: SolidFeatures, printed: Sequence[float]) -> bool:
-    """True if a printed number, or a round that it touches, defines the face."""
-    size_printed = any(abs(size - number) < 0.006 for size in face.sizes for number in printed)
+def _is_dimensioned(face: OtherFace, features: SolidFeatures, text: str) -> bool:
+    """True if a printed size of its form, or a round that it touches, defines the face."""
+    if face.kind in ("SØ", "SR"):
+        return False  # has its own label: that of a round of the same size describes the round
+    sign = {"R": "R", "curve": ""}.get(face.kind, "°")
+    size_printed = any(_says(text, sign, size) for size in face.sizes)
     if face.kind != "slant":
         return size_printed
     normal, point = np.array(face.normal), np.array(face.point)

@@ -39,12 +39,12 @@ from deltact_fab.common import Check
 
 from ..bench_sections import PLANE_KEYS
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import SCREWS_CUT, SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Extent, Shape, cuboid, cylinders, prism
 from ..part import BLACK_RGBA, BOUGHT_PROCESS, GREEN_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from ..sensor_sections import CameraDimensions
-from ..standards import screw_tolerance_mm
+from ..standards import screw_tolerance_mm, thread_text
 
 HOST_COMPUTER = "Nvidia Jetson Nano B01"
 
@@ -225,11 +225,11 @@ def holder_callouts(d: Design) -> Callouts:
     )
     rounds = {d.cover.hole_mm: "for the cover's pegs"}
     if d.camera_screw_centres_mm:
-        rounds[d.holder.row.pilot_mm] = f"pilot, {d.holder.screw} cuts its own thread"
+        thread = thread_text(d.holder.screw)
+        rounds[d.holder.row.pilot_mm] = f"{thread}, pilot {{}}"
+    notes = (f"{SCREWS_CUT} {SQUARE_EDGES}" if d.camera_screw_centres_mm else SQUARE_EDGES,)
     rests_on = ("camera.connector_width_mm", *UPPER_HOLES)
-    return Callouts(
-        lengths, rounds, fitted=(d.cover.hole_mm,), notes=(SQUARE_EDGES,), rests_on=rests_on
-    )
+    return Callouts(lengths, rounds, fitted=(d.cover.hole_mm,), notes=notes, rests_on=rests_on)
 
 
 PARTS = (

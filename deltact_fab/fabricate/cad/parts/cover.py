@@ -137,7 +137,11 @@ def callouts(d: Design) -> Callouts:
         f"Strain of a peg when snapped in: {fmt(100 * d.snap_strain)} %. Pegs without support "
         "marks. Opaque.",
     )
-    rounds = {row.bore_mm: "for the heads, from the outer face"}
+    rounds = {
+        row.bore_mm: "for the heads, from the outer face",
+        cover.peg_mm: "pegs, below their lips",
+        cover.hole_mm: "lips, two on each peg",
+    }
     fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
     return Callouts(lengths, rounds, fitted, notes, cut_x_mm=-sx)
 

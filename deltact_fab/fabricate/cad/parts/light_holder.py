@@ -138,10 +138,10 @@ def plate_bending_room(d: Design) -> PlayFit:
 
 
 def callouts(d: Design) -> Callouts:
-    """Drawing content: ring, section through channel, floor and wire slot."""
+    """Drawing content: ring from the board's side, section through channel and wire slot."""
     rounds = {
-        2 * d.head_relief_mm: "for the camera's screws, from below",
-        2 * d.peg_relief_mm: "for the lips of the pegs, from below",
+        2 * d.head_relief_mm: "for the camera's screws",
+        2 * d.peg_relief_mm: "for the lips of the pegs",
     }
     radii = (d.light_radius_mm, d.strip_radius_mm, d.channel_inner_mm)
     notes = (
@@ -150,7 +150,7 @@ def callouts(d: Design) -> Callouts:
     )
     return Callouts(
         (z_of(d.z_board_front_mm, d.z_light_mm),), rounds, tuple(2 * r for r in radii), notes,
-        cut_x_mm=0.0,
+        cut_x_mm=0.0, flipped=True,
         rests_on=("camera.lens_diameter_mm", "camera.lens_height_mm", *UPPER_HOLES),
     )  # fmt: skip
 

@@ -115,7 +115,8 @@ def callouts(d: Design) -> Callouts:
     notes = (
         f"{mold.columns} × {mold.rows} equal cavities. Floors smooth: they form the touched face. "
         + RELEASE_AGENT,
-        "Post-cure and coat the resin; cast a coupon first. Vertical corners sharp.",
+        "Floors as printed are rougher: lap each flat with 600 grit on a block, wet, then "
+        "post-cure and coat; the coat must reach Ra. Cast a coupon first. Vertical corners sharp.",
     )
     rounds = {2 * skin.edge_fillet_mm: "all around the floors"}
     axes = sorted({(0, x) for x, _ in centres} | {(1, y) for _, y in centres})

@@ -34,10 +34,13 @@ from deltact_fab.sensor import Indenter
 
 from ..bench_sections import FLANGE_SCREW, SENSOR_BOLT
 from ..dimensions import Design
-from ..drafting.dimensioning import Callouts, fmt
+from ..drafting.dimensioning import SCREWS_CUT, Callouts, fmt
 from ..kernel import Extent, Shape, around, cylinders, require
 from ..part import BLACK_RGBA, BOUGHT_PROCESS, STEEL_RGBA, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
+from ..standards import thread_text
+
+SCREW_THREAD = thread_text("M3")
 
 
 def holder_box(design: Design) -> Extent:
@@ -108,16 +111,18 @@ def holder_callouts(d: Design) -> Callouts:
     rounds = {
         2 * tool.bore_mm: "for the stem, flat at +x",
         tool.screw_hole_mm: "for M3",
-        tool.pin_mm + tool.pin_fit_mm: f"for a pin of {fmt(tool.pin_mm)}",
-        tool.clamp_mm: "for a set screw M3",
+        tool.pin_mm + tool.pin_fit_mm: f"clearance for the pin Ø{fmt(tool.pin_mm)} m6",
+        tool.clamp_mm: f"{SCREW_THREAD}, pilot {{}} to the bore, set screw",
     }
     notes = (
         "The indenter's flat, which faces its tip's +x, lies on the bore's flat.",
-        f"Flats out of parallel by 0.1 turn the tip by {turn_deg:.1f}°.",
+        f"Flats out of parallel by 0.1 turn the tip by {turn_deg:.1f}°. {SCREWS_CUT}",
     )
-    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, cut_x_mm=0.0)
+    # Seen from the mouth: a section along y would cut the set screw's hole away.
+    return Callouts(rounds=rounds, fitted=(2 * tool.bore_mm,), notes=notes, flipped=True)
 
 
+REAMING_MM = 0.2  # by hand, of the pin's diameter: less leaves a printed hole's waves
 SENSOR_SIZE_KEYS = ("adapter.sensor_mm", "adapter.sensor_height_mm")
 ADAPTER_KEYS = ("adapter.sensor_mm", "adapter.bolt_circle_mm", "adapter.bolt_turn_deg")
 
@@ -135,7 +140,7 @@ def adapter_build(design: Design) -> Shape:
     body = cylinders([(0, 0)], tool.flange_diameter_mm, 0, high)
     for centres, diameter, depth in (
         (tool.screw_centres_mm, plate.pilot_mm, high + 2),
-        ([tool.pin_at_mm], tool.pin_mm, high + 2),
+        ([tool.pin_at_mm], tool.pin_mm - REAMING_MM, high + 2),
         (plate.bolt_centres_mm, plate.bolt_hole_mm, high + 2),
         (plate.bolt_centres_mm, plate.bolt_bore_mm, plate.bolt_bore_depth_mm + 1),
     ):
@@ -166,12 +171,15 @@ def adapter_callouts(d: Design) -> Callouts:
     """Drawing content: both hole patterns, section through the first of the sensor's screws."""
     plate, tool = d.adapter, d.tool
     rounds = {
-        plate.pilot_mm: "for M3",
-        tool.pin_mm: "for the pin",
+        plate.pilot_mm: f"{SCREW_THREAD}, pilot {{}}",
+        tool.pin_mm - REAMING_MM: f"{{}}, ream Ø{fmt(tool.pin_mm)} H7 for the pin",
         plate.bolt_hole_mm: "for M2",
         plate.bolt_bore_mm: "for the heads, from the back",
     }
-    notes = ("Measure the force sensor's own screws first: its pattern is assumed.",)
+    notes = (
+        f"{SCREWS_CUT} Pin Ø{fmt(tool.pin_mm)} m6 (ISO 2338), pressed in after reaming.",
+        "Measure the force sensor's own screws first: its pattern is assumed.",
+    )
     cut_x_mm = plate.bolt_centres_mm[0][0]
     return Callouts(rounds=rounds, notes=notes, cut_x_mm=cut_x_mm, rests_on=ADAPTER_KEYS)
 

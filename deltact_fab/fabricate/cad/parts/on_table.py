@@ -35,7 +35,7 @@ from ..drafting.dimensioning import SQUARE_EDGES, Callouts, fmt, x_of
 from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import BLACK_RGBA, MACHINED_PROCESS, STEEL_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most
-from ..standards import METRIC_THREADS
+from ..standards import METRIC_THREADS, thread_text
 from . import shell
 from .mount import boss_room
 
@@ -180,14 +180,10 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
 
 def plate_callouts(d: Design) -> Callouts:
     """Drawing content: outline, slots and threads."""
-    fx, fy = (side / 2 for side in d.frame_outer_mm)
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
-    notes = (
-        f"Long edges square to the stage within 0.1. {SQUARE_EDGES}",
-        f"examples/find_the_block.py: half {fx:g}, {fy:g} mm, top {d.z_front_mm:g} mm.",
-    )
+    notes = (f"Long edges square to each other and to the ends within 0.1. {SQUARE_EDGES}",)
     rounds = {
-        d.stage_plate.thread_hole_mm: f"tapped {d.table.screw}",
+        d.stage_plate.thread_hole_mm: f"{thread_text(d.table.screw)} – 6H, drill {{}}",
         d.stage_plate.slot_mm: "both ends of four slots along x",
     }
     travel = x_of(slot - half, slot + half, fitted=False)

@@ -37,11 +37,11 @@ from dataclasses import replace
 from deltact_fab.common import Check
 
 from ..dimensions import Design
-from ..drafting.dimensioning import SQUARE_EDGES, Callouts, x_of, y_of, z_of
+from ..drafting.dimensioning import SCREWS_CUT, SQUARE_EDGES, Callouts, x_of, y_of, z_of
 from ..kernel import Extent, Shape, around, cuboid, cylinders, prism, require, without_corners
 from ..part import BLACK_RGBA, CLEAR_RGBA, Part, PrintPose, no_entries
 from ..rule import Length, PlayFit, at_most, below
-from ..standards import screw_tolerance_mm
+from ..standards import screw_tolerance_mm, thread_text
 
 
 def box(design: Design) -> Extent:
@@ -116,13 +116,15 @@ def callouts(d: Design) -> Callouts:
         lengths.append(x_of(-seat_x, seat_x))
     if d.post_in_window_mm[0] > 0:
         lengths += [x_of(-px, px), y_of(-py, py)]
+    rounds = {d.screw.row.pilot_mm: f"{thread_text(d.screw.thread)}, pilot {{}}"}
     notes = (
-        f"Holes: {d.screw.thread} cuts its own thread; ream, do not tap.",
+        f"{SCREWS_CUT} Turn a drill of the pilot's size in each by hand.",
         f"Window (all around) bonds to the silicone: keep it clean. {SQUARE_EDGES}",
     )
     return Callouts(
-        tuple(lengths), fitted=(d.screw.row.pilot_mm,), notes=notes, cut_x_mm=0.0, flipped=True
-    )
+        tuple(lengths), rounds, fitted=(d.screw.row.pilot_mm,), notes=notes, cut_x_mm=0.0,
+        flipped=True,
+    )  # fmt: skip
 
 
 SKIN_FRAME = Part(
