@@ -23,6 +23,7 @@ def main(words: list[str]) -> None:
     from deltact_fab.fabricate import guide
     from deltact_fab.fabricate.cad.design import load_design
     from deltact_fab.fabricate.cad.registry import list_parts
+    from deltact_fab.fabricate.pdf import FONT_PATH
 
     drawn = guide.draw(load_design(), list_parts(), lambda done, total, what: None)
     svg = base64.b64decode(drawn.exploded.partition(",")[2]).decode()
@@ -30,8 +31,13 @@ def main(words: list[str]) -> None:
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"))
         page = browser.new_page(viewport={"width": 720, "height": 590})
-        page.set_content(f'<body style="margin:0;background:#fff">{svg}</body>')
-        page.screenshot(path=IMAGES / "sensor.png")
+        # The embedded font, whatever fonts the machine has; the picture's whole height.
+        font = base64.b64encode(FONT_PATH.read_bytes()).decode()
+        face = f"@font-face {{font-family:Arial;src:url(data:font/ttf;base64,{font})}}"
+        body = f'<body style="margin:0;background:#fff">{svg}</body>'
+        page.set_content(f"<style>{face}</style>{body}")
+        page.evaluate("document.fonts.ready")
+        page.locator("svg").screenshot(path=IMAGES / "sensor.png")
         for report in words:
             page.set_viewport_size({"width": 1100, "height": 760})
             page.goto(Path(report).resolve().as_uri())

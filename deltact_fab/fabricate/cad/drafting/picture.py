@@ -93,6 +93,8 @@ def picture_svg(
         """Map to the page, y down."""
         return PICTURE_MARGIN_MM + (points * scale - (low[0], high[1])) * (1, -1)
 
+    # Under the parts: an axis shows where they are apart.
+    page.path([paper(view.flat(axis), scale) for axis in _screw_axes(parts)], "centre")
     shapes = [[paper(loop, scale) for loop in loops] for loops in regions(meshes, view, scale)]
     for loops in shapes:
         page.path(loops, "contour", closed=True)
@@ -111,6 +113,14 @@ def picture_svg(
     if balloons:
         _draw_legend(page, [(labels[b.part.name], b.part) for b in balloons])
     return page.svg()
+
+
+def _screw_axes(parts: Sequence[PlacedPart]) -> list[Field]:
+    """Axes (2, 3) of the screws, each to the far side of the frame that it goes into."""
+    pieces = {name: [p for p in parts if p.part.name == name] for name in ("screw", "skin-frame")}
+    ends = [bounding_box(frame.solid)[1][2] for frame in pieces["skin-frame"]]
+    starts = [(*p.shift_mm[:2], bounding_box(p.solid)[1][2]) for p in pieces["screw"]]
+    return [np.array([(x, y, z), (x, y, end)]) for x, y, z in starts for end in ends]
 
 
 def mesh(solid: Any) -> Field:
