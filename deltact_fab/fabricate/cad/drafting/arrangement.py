@@ -20,6 +20,7 @@ from .page import (
     TITLE_MM,
     DrawingPage,
     Rect,
+    Text,
     overlap,
     text_width_mm,
 )
@@ -168,7 +169,7 @@ class ArrangedView:
         }
         view, full = self.projection, shapely.union_all([shapely.box(*r) for r in occupied])
         sides = [(side, line) for side in PAPER_SIDES for line in self.lines[side]]
-        words = shapely.union_all([shapely.box(*self._text_rect(*line)) for line in sides])
+        words = shapely.union_all([shapely.box(*self._text(*line).box) for line in sides])
         strokes: list[Any] = [stroke for line in sides for stroke in self._strokes(*line)]
         strokes += on_paper((*view.visible, *view.hidden), view, self.scale, (0.0, 0.0))
         pairs = [pair for stroke in strokes for pair in pairwise(np.asarray(stroke).tolist())]
@@ -258,14 +259,11 @@ class ArrangedView:
             strokes.append([(along, start + gap), (along, across + 2 * overrun)])
         return [[_turned(side, *point) for point in stroke] for stroke in strokes]
 
-    def _text_rect(self, side: PaperSide, line: _Line) -> Rect:
-        """Rectangle of a dimension's text."""
-        across, half = self._across(side, line.level) - 1.0, text_width_mm(line.item.text) / 2
-        (x0, y0), (x1, y1) = (
-            _turned(side, line.text_at + sign * half, across - TEXT_MM * (sign < 0))
-            for sign in (-1, 1)
-        )
-        return x0, y0, x1, y1
+    def _text(self, side: PaperSide, line: _Line) -> Text:
+        """Return the text of a dimension, in the view's frame."""
+        place = _turned(side, line.text_at, self._across(side, line.level) - 1.0)
+        upright = side in ("left", "right")
+        return Text(place, line.item.text, TEXT_MM, "middle", upright)
 
     def _draw_line(self, page: DrawingPage, origin: Point2, side: PaperSide, line: _Line) -> None:
         flat = side in ("top", "bottom")

@@ -17,7 +17,7 @@ from deltact_fab.common import Field, Point
 from ..features import OtherFace, Round, SolidFeatures
 from ..rays import ExactRays
 from .dimensioning import Callouts, CentreLine, Item, Leader, Linear, PaperSide, Span, toleranced
-from .projection import SHEET_CHORD_MM, DrawnView, View
+from .projection import SHEET_CHORD_MM, DrawnView
 from .scheme import GRID_MM, Rounds, Scheme
 
 # By definition: views of a length along each axis, better one first; 0: horizontal, 1: vertical.
@@ -162,20 +162,15 @@ class Placing:
 
     def _leader(self, rounds: Sequence[Round], text: str) -> Leader:
         """Label equal rounds in a view where one is seen: along its axis, else from the side."""
-        axial = AXIAL_VIEWS[rounds[0].axis]
+        first, axial = rounds[0], AXIAL_VIEWS[rounds[0].axis]
         for view in sorted(self._views, key=lambda name: name != axial):
-            seen = []
+            circle, seen = view == axial and first.full_turn, []
             for r in rounds:
-                side = view != axial and r.full_turn
-                ends = _generators(r, self._projections[view].view) if side else _rim(r)
-                ends = [p for p in ends if self._seen(view, p, _outward(r, p))]
-                if view == axial and r.full_turn:
-                    ends = [r.high_mm] if 2 * len(ends) > RIM_POINTS else []
-                seen += ends
+                rim = [p for p in _rim(r) if self._seen(view, p, _outward(r, p))]
+                seen += [r.high_mm] * (2 * len(rim) > RIM_POINTS) if circle else rim
             if seen:
-                radius_mm = rounds[0].radius_mm if view == axial and rounds[0].full_turn else 0.0
-                return _leader_to(view, seen, radius_mm, text)
-        return Leader(axial, rounds[0].point, 0.0, text)
+                return _leader_to(view, seen, circle * first.radius_mm, text)
+        return Leader(axial, first.point, 0.0, text)
 
     def _cross(self, view: str, centre: Field, radius_mm: float) -> Iterator[CentreLine]:
         """Yield the cross over a circle; the cutting plane is a centre line already."""
@@ -249,16 +244,13 @@ def _sides(r: Round, end: Point) -> Iterator[Point]:
 
 
 def _rim(r: Round) -> list[Point]:
-    """Return points of a round along its arc, on both sides of the middle of a face."""
-    outward = -_outward(r, r.point) if r.hole else _outward(r, r.point)
-    centre = r.point - r.radius_mm * outward
-    across = np.cross(np.eye(3)[r.axis], outward)
+    """Return points around the middle of a round, of an arc near the middle of a face."""
+    out = np.eye(3)[r.axis - 1] if r.full_turn else _outward(r, r.point) * (-1 if r.hole else 1)
+    centre = _replace(r.low_mm, r.axis, r.point[r.axis])
+    across = np.cross(np.eye(3)[r.axis], out)
     reach = math.pi if r.full_turn else math.radians(min(r.turn_deg / 8, 20.0))
-    turns = reach * np.linspace(-1, 1, RIM_POINTS)
-    return [
-        _point(centre + r.radius_mm * (math.cos(t) * outward + math.sin(t) * across))
-        for t in turns
-    ]  # fmt: skip
+    turns = np.linspace(-reach, reach, RIM_POINTS)[:, None]
+    return [*map(_point, centre + r.radius_mm * (np.cos(turns) * out + np.sin(turns) * across))]
 
 
 def _outward(r: Round, point: Point) -> Field:
@@ -272,10 +264,3 @@ def _leader_to(view: str, points: Sequence[Point], radius_mm: float, text: str) 
     """Return a label of equal features, seen at these points."""
     first, *others = points[:: math.ceil(len(points) / MAX_TARGETS)]
     return Leader(view, first, radius_mm, text, tuple(others))
-
-
-def _generators(r: Round, view: View) -> list[Point]:
-    """Return the middles of the two outlines of a round seen from the side."""
-    middle = (np.array(r.low_mm) + r.high_mm) / 2
-    across = min(view.axes[:2], key=lambda axis: abs(axis[r.axis]))
-    return [_point(middle + sign * r.radius_mm * across) for sign in (-1, 1)]

@@ -173,18 +173,25 @@ def _clean(lines: Iterable[Field], covering: Any = None) -> tuple[Field, ...]:
     """Return the lines without duplicates and covered parts, chained, in a fixed order."""
     import shapely
 
-    merged = _merge_lines(lines)
+    merged = _merge_lines(lines if covering is None else _drop_doubles(lines))
     if covering is not None:
         merged = shapely.difference(merged, covering, grid_size=SAME_LINE_MM)
     parts = shapely.get_parts(shapely.line_merge(merged).normalize())
-    if covering is not None:
-        # One curve sampled in two ways: its dashes would fill each other's gaps.
-        parts = parts[np.argsort(-shapely.length(parts), kind="stable")]
-        near = shapely.buffer(parts, 2 * SHEET_CHORD_MM, quad_segs=1)
-        pairs = shapely.STRtree(parts).query(near, predicate="covers")
-        parts = np.delete(parts, np.unique(pairs[1][pairs[0] < pairs[1]]))
     chains = [line.coords for line in parts]
     return tuple(np.array(chain) + 0.0 for chain in sorted(map(list, chains)))
+
+
+def _drop_doubles(lines: Iterable[Field]) -> list[Field]:
+    """Return the lines but those along a longer one: their dashes would fill each other's gaps."""
+    import shapely
+
+    ends = shapely.MultiLineString([np.round(line, 4) for line in lines])
+    chains = shapely.get_parts(shapely.line_merge(ends))
+    chains = chains[np.argsort(-shapely.length(chains), kind="stable")]
+    along = shapely.buffer(chains, 2 * SHEET_CHORD_MM, quad_segs=1)
+    long, short = shapely.STRtree(chains).query(along, predicate="covers")
+    doubles = np.unique(short[long < short])
+    return [np.array(chain.coords) for chain in np.delete(chains, doubles)]
 
 
 def project_views(solid: Any, callouts: Callouts) -> dict[str, DrawnView]:

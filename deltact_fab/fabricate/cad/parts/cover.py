@@ -138,8 +138,8 @@ def callouts(d: Design) -> Callouts:
         "marks. Opaque.",
     )
     rounds = {
-        row.bore_mm: "for the heads, from the outer face",
-        cover.peg_mm: "pegs, below their lips",
+        row.bore_mm: "for the heads",
+        cover.peg_mm: "pegs",
         cover.hole_mm: "lips, two on each peg",
     }
     fitted = (row.clearance_mm, row.bore_mm, cover.peg_mm)
