@@ -43,7 +43,7 @@ class Round:
 
     low_mm, high_mm: ends of its axis. hole: True if the solid is outside. turn_deg: covered angle.
     blind: the end of a hole closed by a flat floor: `low`, `high` or empty. point: on its face.
-    opposed: two of its faces lie opposite each other, as those of a slotted peg.
+    opposite: two of its faces lie opposite each other, as those of a slotted peg.
     """
 
     axis: int
@@ -54,12 +54,12 @@ class Round:
     point: Point
     turn_deg: float = 360.0
     blind: str = ""
-    opposed: bool = False
+    opposite: bool = False
 
     @property
     def by_diameter(self) -> bool:
         """True if a caliper can measure its diameter; else it has a radius."""
-        return self.opposed or self.turn_deg > 180
+        return self.opposite or self.turn_deg > 180
 
     @property
     def full_turn(self) -> bool:
@@ -238,17 +238,17 @@ def _merge_round(pieces: list[Round], planes: list[FlatFace]) -> Round:
     high = max((p.high_mm for p in pieces), key=lambda p: p[axis])
     first = max(pieces, key=lambda p: (p.turn_deg, p.point))
     turn_deg = max(sum(p.turn_deg for p in pieces if _spans_middle(p, face)) for face in pieces)
-    blind = ""
-    for end, name in ((low, "low"), (high, "high")):
-        if first.hole and any(_closes_hole(p, end, name, first) for p in planes):
-            blind = name
-    return replace(
-        first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0), blind=blind,
-        opposed=any(_are_opposed(a, b) for a, b in combinations(pieces, 2)),
+    whole = replace(
+        first, low_mm=low, high_mm=high, turn_deg=min(turn_deg, 360.0),
+        opposite=any(_share_diameter(a, b) for a, b in combinations(pieces, 2)),
     )  # fmt: skip
+    for blind in (replace(whole, blind=end) for end in ("high", "low") if first.hole):
+        if any(closes(plane, blind) for plane in planes):
+            return blind
+    return whole
 
 
-def _are_opposed(a: Round, b: Round) -> bool:
+def _share_diameter(a: Round, b: Round) -> bool:
     """True if two faces of one cylinder share a diameter."""
     u, v = (np.delete(np.subtract(p.point, p.low_mm), p.axis) for p in (a, b))
     cosine = float(u @ v) / (math.hypot(*u) * math.hypot(*v))
@@ -264,15 +264,9 @@ def _spans_middle(piece: Round, face: Round) -> bool:
 
 
 def closes(plane: FlatFace, hole: Round) -> bool:
-    """True if a face is the floor of a blind hole."""
-    end = hole.low_mm if hole.blind == "low" else hole.high_mm
-    return bool(hole.blind) and _closes_hole(plane, end, hole.blind, hole)
-
-
-def _closes_hole(plane: FlatFace, end: Point, name: str, hole: Round) -> bool:
-    """True if a face closes a hole at that end: it faces the hole and lies within its circle."""
-    axis = hole.axis
-    if plane.axis != axis or plane.up != (name == "low"):
+    """True if a face closes a blind hole: it faces the hole and lies within its circle."""
+    axis, end = hole.axis, hole.low_mm if hole.blind == "low" else hole.high_mm
+    if not hole.blind or plane.axis != axis or plane.up != (hole.blind == "low"):
         return False
     if abs(plane.at_mm - end[axis]) > FEATURE_MERGE_MM:
         return False

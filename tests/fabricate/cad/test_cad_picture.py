@@ -130,6 +130,15 @@ def test_visible_parts_have_one_balloon(exploded):
     assert said["screw, 4×"] == 1
 
 
+@pytest.mark.slow
+def test_screws_share_axes_with_frame(exploded):
+    (axes,) = [p for p in exploded.iter(f"{SVG}path") if p.get("class") == "centre"]
+    assert axes.get("d").count("M") == 4
+    design = load_design()
+    assemblies = assemble_sensor(design, 1.0, [registry.find_part("skin")], of_group("sensor"))
+    assert "centre" not in picture.picture_svg("skin", assemblies)
+
+
 def test_hidden_part_has_no_balloon():
     one, other = registry.find_part("shell"), registry.find_part("cover")
     line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0]])

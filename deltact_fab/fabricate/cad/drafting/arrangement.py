@@ -167,24 +167,26 @@ class ArrangedView:
             "left": (-2.0, min([-2.0, *(r[0] for r in occupied)])),
             "right": (width + 2.0, max([width + 2.0, *(r[2] for r in occupied)])),
         }
-        view, full = self.projection, shapely.union_all([shapely.box(*r) for r in occupied])
+        view = self.projection
+        dimension_area = shapely.union_all([shapely.box(*r) for r in occupied])
         sides = [(side, line) for side in PAPER_SIDES for line in self.lines[side]]
-        words = shapely.union_all([shapely.box(*self._text(*line).box) for line in sides])
+        text_area = shapely.union_all([shapely.box(*self._text(*line).box) for line in sides])
         strokes: list[Any] = [stroke for line in sides for stroke in self._strokes(*line)]
         strokes += on_paper((*view.visible, *view.hidden), view, self.scale, (0.0, 0.0))
         pairs = [pair for stroke in strokes for pair in pairwise(np.asarray(stroke).tolist())]
-        drawn = shapely.STRtree(shapely.linestrings(pairs))
+        stroke_tree = shapely.STRtree(shapely.linestrings(pairs))
         leaders = [i for i in self.items if isinstance(i, Leader)]
         for leader in sorted(leaders, key=lambda i: (*self.local(i.point)[::-1], i.text)):
             options = [o for side in columns for o in self._options(leader, side, columns[side])]
             paths = shapely.linestrings([option.path for option in options])
             rects = shapely.box(*np.transpose([option.rect for option in options]))
-            cost = TEXT_COST * shapely.intersects(paths, words)
-            cost += TEXT_COST * shapely.intersects(rects, full)
+            cost = TEXT_COST * shapely.intersects(paths, text_area)
+            cost += TEXT_COST * shapely.intersects(rects, dimension_area)
             cost += REACH_COST * np.array([max(-o.rect[0], o.rect[2] - width) for o in options])
             cost += LENGTH_COST * shapely.length(paths)
-            crossed, _ = drawn.query(paths, predicate="intersects")
-            cost += LINE_COST * np.bincount(crossed, minlength=len(options))
+            for shapes in (paths, rects):
+                crossings, _ = stroke_tree.query(shapes, predicate="intersects")
+                cost += LINE_COST * np.bincount(crossings, minlength=len(options))
             dx, dy = np.abs(np.diff([o.path[:2] for o in options], axis=1)[:, 0]).T
             cost += LEVEL_COST * (dy < MIN_SLOPE * dx)
             for label in self.labels:
@@ -202,7 +204,7 @@ class ArrangedView:
         width = text_width_mm(leader.text)
         steps = sorted(range(-LABEL_STEPS, LABEL_STEPS + 1), key=abs)
         options = []
-        for point in (leader.point, *leader.others):
+        for point in (leader.point, *leader.alternatives):
             cx, cy = self.local(point)
             for column, step in product(sorted(set(columns)), steps):
                 x = column + sign * LABEL_COLUMN_MM
@@ -257,11 +259,11 @@ class ArrangedView:
             along, start = self.local(point)[:: 1 if side in ("top", "bottom") else -1]
             gap = 0.6 if across > start else -0.6
             strokes.append([(along, start + gap), (along, across + 2 * overrun)])
-        return [[_turned(side, *point) for point in stroke] for stroke in strokes]
+        return [[_to_view(side, *point) for point in stroke] for stroke in strokes]
 
     def _text(self, side: PaperSide, line: _Line) -> Text:
         """Return the text of a dimension, in the view's frame."""
-        place = _turned(side, line.text_at, self._across(side, line.level) - 1.0)
+        place = _to_view(side, line.text_at, self._across(side, line.level) - 1.0)
         upright = side in ("left", "right")
         return Text(place, line.item.text, TEXT_MM, "middle", upright)
 
@@ -270,7 +272,7 @@ class ArrangedView:
         across = self._across(side, line.level)
 
         def page_point(along: float, over: float) -> Point2:
-            x, y = _turned(side, along, over)
+            x, y = _to_view(side, along, over)
             return origin[0] + x, origin[1] + y
 
         for stroke in self._strokes(side, line):
@@ -296,7 +298,7 @@ class ArrangedView:
             page.text((x - 5.8, base), "A", TITLE_MM, "end")
 
 
-def _turned(side: PaperSide, along: float, over: float) -> Point2:
+def _to_view(side: PaperSide, along: float, over: float) -> Point2:
     """Return x, y of a point along and across the dimension lines of a side."""
     return (along, over) if side in ("top", "bottom") else (over, along)
 

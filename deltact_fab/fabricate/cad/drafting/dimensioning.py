@@ -43,14 +43,14 @@ class Linear:
 class Leader:
     """A label with an arrow to a circle of radius_mm about a point, or to the point (0).
 
-    others: points of equal features, of which the label may point to any.
+    alternatives: points of equal features, of which the label may point to any.
     """
 
     view: str
     point: Point
     radius_mm: float
     text: str
-    others: tuple[Point, ...] = ()
+    alternatives: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True)

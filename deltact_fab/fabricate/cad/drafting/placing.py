@@ -146,7 +146,7 @@ class Placing:
                 yield from self._cross(axial, np.array(member.high_mm), r.radius_mm)
         yield self._leader(group.members, text)
 
-    def _seen(
+    def _is_visible(
         self, view: str, point: Point, outward: Field, near_mm: float = ON_LINE_MM + SHEET_CHORD_MM
     ) -> bool:
         """True if a point of the solid lies on a visible line of a view and nothing hides it."""
@@ -161,15 +161,15 @@ class Placing:
         return hidden_at_mm == math.inf
 
     def _leader(self, rounds: Sequence[Round], text: str) -> Leader:
-        """Label equal rounds in a view where one is seen: along its axis, else from the side."""
+        """Label equal rounds in a view that shows one: along its axis, else from the side."""
         first, axial = rounds[0], AXIAL_VIEWS[rounds[0].axis]
         for view in sorted(self._views, key=lambda name: name != axial):
-            circle, seen = view == axial and first.full_turn, []
+            circle, visible = view == axial and first.full_turn, []
             for r in rounds:
-                rim = [p for p in _rim(r) if self._seen(view, p, _outward(r, p))]
-                seen += [r.high_mm] * (2 * len(rim) > RIM_POINTS) if circle else rim
-            if seen:
-                return _leader_to(view, seen, circle * first.radius_mm, text)
+                rim = [p for p in _rim(r) if self._is_visible(view, p, _outward(r, p))]
+                visible += [r.high_mm] * (2 * len(rim) > RIM_POINTS) if circle else rim
+            if visible:
+                return _leader_to(view, visible, circle * first.radius_mm, text)
         return Leader(axial, first.point, 0.0, text)
 
     def _cross(self, view: str, centre: Field, radius_mm: float) -> Iterator[CentreLine]:
@@ -184,8 +184,9 @@ class Placing:
         """Label equal faces, neither flat nor round, in a view that shows the outline of one."""
         rim = [place for face in faces for place in face.rim]
         for view in self._views:
-            if seen := [p for p, n in rim if self._seen(view, p, np.array(n), OUTLINE_MM)]:
-                return _leader_to(view, seen, 0.0, text)
+            visible = [p for p, n in rim if self._is_visible(view, p, np.array(n), OUTLINE_MM)]
+            if visible:
+                return _leader_to(view, visible, 0.0, text)
         return Leader("front", faces[0].point, 0.0, text)
 
     def _diameter(self, group: Rounds, fitted: bool) -> tuple[float, Linear]:
@@ -261,6 +262,6 @@ def _outward(r: Round, point: Point) -> Field:
 
 
 def _leader_to(view: str, points: Sequence[Point], radius_mm: float, text: str) -> Leader:
-    """Return a label of equal features, seen at these points."""
+    """Return a label of equal features, visible at these points."""
     first, *others = points[:: math.ceil(len(points) / MAX_TARGETS)]
     return Leader(view, first, radius_mm, text, tuple(others))

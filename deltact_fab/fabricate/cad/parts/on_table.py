@@ -181,7 +181,7 @@ def plate_fits(d: Design) -> Iterator[PlayFit]:
 def plate_callouts(d: Design) -> Callouts:
     """Drawing content: outline, slots and threads."""
     slot, half = slot_pitch_mm(d)[0] / 2, d.stage_plate.slot_travel_mm / 2
-    notes = (f"Long edges square to each other and to the ends within 0.1. {SQUARE_EDGES}",)
+    notes = (f"Edges square to one another within 0.1. {SQUARE_EDGES}",)
     rounds = {
         d.stage_plate.thread_hole_mm: f"{thread_text(d.table.screw)} – 6H, drill {{}}",
         d.stage_plate.slot_mm: "both ends of four slots along x",
