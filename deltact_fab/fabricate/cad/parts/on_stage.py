@@ -218,7 +218,8 @@ PARTS = (
         fits=holder_fits,
         wall_keys=("shell.wall_mm",),
         callouts=holder_callouts,
-        note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} x 8",
+        note="set screw M3 x 6 (ISO 4026), four M3 x 10 (ISO 4762), pin {d.tool.pin_mm:g} m6 x 8 "
+        "(ISO 2338)",
         pose=PrintPose("+z", "flange"),
         look_for="a stem slides in only with its flat at +x",
     ),
@@ -237,6 +238,7 @@ PARTS = (
         callouts=adapter_callouts,
         note="three M2 (ISO 4762) into the force sensor; its bolt circle is assumed: measure yours",
         pose=PrintPose("+z", "force sensor's side"),
+        how="the pin's hole reamed H7",
         look_for="flat on both sides; the force sensor's screws go in by hand",
     ),
     Part(

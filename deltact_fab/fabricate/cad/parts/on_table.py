@@ -194,7 +194,11 @@ def plate_callouts(d: Design) -> Callouts:
 def plate_note(d: Design) -> str:
     """Hardware for the stage plate."""
     length = d.table.height_mm + d.stage_plate.thickness_mm
-    return f"four {d.table.screw} into its threads, {length:g} mm at most; four M6 into the table"
+    x, y = (side / 2 for side in d.frame_outer_mm)
+    return (
+        f"four {d.table.screw} into its threads, {length:g} mm at most; four M6 into the table; "
+        f"arguments of examples/find_the_block.py: {x:g} {y:g} {d.z_front_mm:g}"
+    )
 
 
 PARTS = (
