@@ -6,16 +6,18 @@ built.py makes solids and meshes, each other file holds one kind of check.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
 
 from deltact_fab.common import Check, Progress, RunFailed
 
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..registry import list_parts
+from ..registry import design_parts, list_parts
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
-from .row import add_remedies, mark_unverified
+from .row import add_remedies, fails, mark_unverified, name_culprits
 
 SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "drawings": ("drawings", each_part.drawings),
@@ -32,6 +34,8 @@ SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = 
     "height-fields": ("indenter height field", each_part.height_fields),
 }
 """Each kind of check on solids: id, and name of its row if it cannot run."""
+PER_PART_CHECKS = ("drawings", "wall-thickness", "bed-contact")
+"""Checks of SOLID_CHECKS whose rows need no part but their subject."""
 ARITHMETIC_CHECKS = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
 
 
@@ -54,7 +58,12 @@ def check_design(
     rows = check_arithmetic(design)
     if any(row.failed for row in rows if row.name == "inequalities"):
         return [*rows, not_run(len(SOLID_CHECKS), "constraints fail, see above")]
-    rows += mark_unverified(arithmetic.platform(design), design)
+    platform = name_culprits(
+        arithmetic.platform(design),
+        design,
+        lambda changed, row: not fails(arithmetic.platform(changed), row),
+    )
+    rows += mark_unverified(platform, design)
     started = 0
 
     def report(step: str) -> None:
@@ -93,20 +102,43 @@ def check_solids(
     """
     rows: list[Check] = []
     undone = []
+    trials: dict[Design, BuiltDesign] = {}
     for id in checks:
         name, check = SOLID_CHECKS[id]
         if report is not None:
             report(name)
         try:
             with guarded(name):
-                rows += mark_unverified(check(model), model.design)
+                judged = list(check(model))
         except PartMissing as error:
             undone.append(str(error))
+            continue
         except RunFailed as error:
-            rows.append(Check(id, name, "", f"not run: {error}", "runs", "fail"))
+            judged = [Check(id, name, "", f"not run: {error}", "runs", "fail")]
+        passes = partial(_passes, model, trials, id)
+        rows += mark_unverified(name_culprits(judged, model.design, passes), model.design)
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
+
+
+def _passes(
+    model: BuiltDesign, trials: dict[Design, BuiltDesign], id: str, changed: Design, row: Check
+) -> bool:
+    """Return whether the row passes on a changed design, whose solids are kept in `trials`."""
+    if changed not in trials:
+        tips = (part for part in model.parts if part.indenter is not None)
+        facts = model.facts or Facts()
+        trials[changed] = BuiltDesign(changed, (*design_parts(changed), *tips), facts=facts)
+    trial = trials[changed]
+    if id in PER_PART_CHECKS:
+        one = row.subject.partition(",")[0]
+        trial = replace(trial, parts=tuple(part for part in trial.parts if part.name == one))
+    try:
+        with guarded(row.name):
+            return not fails(SOLID_CHECKS[id][1](trial), row)
+    except RunFailed:
+        return False
 
 
 def not_run(count: int, reason: str) -> Check:

@@ -1,8 +1,9 @@
-"""Basis of a design check, and remedies for a failed check by arithmetic.
+"""Basis of a design check, and remedies for a failed check.
 
 The remedy is found by changing one number at a time, from the margin alone (at least 0 where the
 check passes) and not from the check's text. Numbers that differ from their default and pass at it
-come first; only if there are none is every number varied.
+come first; only if there are none is every number varied, for a check by arithmetic. A value that
+the lab measured is never changed.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ MAX_NAMED_KEYS = 3  # by hand: one line has no room for more
 SEARCH_STEP = 0.01  # by hand, first relative step: smaller takes longer, larger may skip a solution
 # Properties of machines and the envelope are given: they are no remedies.
 FIXED_SECTIONS = ("resin_printer", "laser", "envelope", "drawing")
+FREE_TEXT = ("str", "tuple[str, ...]")  # types of names, sources and lists of measured keys
 
 
 def shorten_key(key: str) -> str:
@@ -88,17 +90,58 @@ def format_point(point_mm: Iterable[float]) -> str:
 
 
 def advice(design: Design, margin: Margin) -> str:
-    """Return e.g. `shell.wall_mm: 0.6 or more`, smallest change first; empty if none helps."""
-    keys = [
-        _Key(design, margin, section.name, f)
-        for section in fields(design)
-        for f in fields(getattr(design, section.name))
-    ]
-    texts = [text for key in keys if (text := key.revert_text())]
-    if not texts:
+    """Return e.g. `shell.wall_mm: 0.6 or more`, smallest change first; empty if none helps.
+
+    A machine's changed number comes last, after what the design can do about it.
+    """
+    texts: dict[bool, list[str]] = {True: [], False: []}
+    keys = list(_keys(design, margin))
+    for key in keys:
+        if key.is_changed and (text := key.revert_text()):
+            texts[key.is_given].append(text)
+    if not texts[False]:
         changes = sorted(change for key in keys if (change := key.nearest_change()))
-        texts = [text for _, text in changes]
-    return ", ".join(texts[:MAX_NAMED_KEYS])
+        texts[False] = [text for _, text in changes]
+    given = texts[True][:1]
+    return ", ".join([*texts[False][: MAX_NAMED_KEYS - len(given)], *given])
+
+
+def name_culprits(
+    rows: Iterable[Check], design: Design, passes: Callable[[Design, Check], bool]
+) -> Iterator[Check]:
+    """Add a remedy to each failed row on solids: the changed key at whose default it passes.
+
+    passes: True if the row of a changed design passes. Keys of earlier rows are tried first.
+    """
+    culprits: list[_Key] = []
+    for row in rows:
+        if row.failed and not row.remedy:
+
+            def margin(changed: Design, row: Check = row) -> float:
+                return 0.0 if passes(changed, row) else -1.0
+
+            keys = [key for key in _keys(design, margin) if key.is_changed]
+            names = [key.name for key in culprits]
+            keys.sort(key=lambda key: (key.name not in names, key.is_given))
+            culprit = next((key for key in keys if key.default_passes), None)
+            if culprit is not None:
+                culprits.append(culprit)
+                row = replace(row, remedy=culprit.default_text)
+        yield row
+
+
+def fails(rows: Iterable[Check], row: Check) -> bool:
+    """Return whether rows of a changed design repeat the failure of a row."""
+    return any(r.failed and (r.name, r.subject) == (row.name, row.subject) for r in rows)
+
+
+def _keys(design: Design, margin: Margin) -> Iterator[_Key]:
+    """Yield the keys that may be changed: neither measured nor free text."""
+    for section in fields(design):
+        record = getattr(design, section.name)
+        for f in fields(record):
+            if f.type not in FREE_TEXT and f.name not in getattr(record, "measured", ()):
+                yield _Key(design, margin, section.name, f)
 
 
 class _Key:
@@ -108,6 +151,21 @@ class _Key:
         self._design, self._margin, self._section, self._field = design, margin, section, f
         self._value: Any = getattr(getattr(design, section), f.name)
         self._is_number = isinstance(self._value, int | float) and not isinstance(self._value, bool)
+        self.name, self.default = f"{section}.{f.name}", f.default
+        self.is_given = section in FIXED_SECTIONS
+        self.is_changed = self._value != f.default
+
+    @property
+    def default_passes(self) -> bool:
+        """True if the default alone makes the check pass."""
+        return self._margin_with(self.default) >= -RULE_SLACK
+
+    @property
+    def default_text(self) -> str:
+        """Key and default, as in `shell.wall_mm: 1.5`."""
+        return (
+            f"{self.name}: {self.default:g}" if self._is_number else f"{self.name}: {self.default}"
+        )
 
     def _margin_with(self, value: Any) -> float:
         """Return the margin with this value; nan if the value is out of bounds."""
@@ -120,19 +178,18 @@ class _Key:
 
     def revert_text(self) -> str:
         """Return the change towards the default that passes; empty if the default fails too."""
-        default = self._field.default
-        if self._value == default or not self._margin_with(default) >= -RULE_SLACK:
+        if not self.default_passes:
             return ""
         if not self._is_number:
-            return f"{self._section}.{self._field.name}: {default}"
-        return self._nearest(default)[1]
+            return self.default_text
+        return self._nearest(self.default)[1]
 
     def nearest_change(self) -> tuple[float, str] | None:
         """Return the relative change that passes, with its text; None if there is none."""
         value, bounds = self._value, self._field.metadata
         if not self._is_number or "ge" not in bounds or Design.is_unverified(self._field):
             return None
-        if self._section in FIXED_SECTIONS:
+        if self.is_given:
             return None
         step = 1 if isinstance(value, int) else max(abs(value) * SEARCH_STEP, SEARCH_STEP)
         better = self._margin_with(value) + RULE_SLACK
@@ -164,5 +221,4 @@ class _Key:
         if isinstance(right, float):
             unit = 10.0 ** (math.floor(math.log10(abs(right))) - 2) if right else 1.0
             right = (math.ceil if upward else math.floor)(round(right / unit, 6)) * unit
-        name = f"{self._section}.{self._field.name}"
-        return share, f"{name}: {right:.6g} or {'more' if upward else 'less'}"
+        return share, f"{self.name}: {right:.6g} or {'more' if upward else 'less'}"
