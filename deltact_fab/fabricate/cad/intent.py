@@ -319,8 +319,10 @@ def _largest_view(design: Design, share: float) -> Any:
 
     part = next((p / 200 for p in range(200, 20, -1) if in_crop(p / 200)), 0.1) * share
     x, y = (2 * part * side for side in half)
-    # The paper's resolution, unless the face is so large that pixels would add nothing.
-    mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4)
+    # The paper's resolution, unless the face is so large that pixels would add nothing, or the
+    # camera's pixels are coarser.
+    raw_mm = math.ceil(1e4 * visibility.raw_mm_per_px(design)) / 1e4
+    mm_per_px = max(optics.mm_per_px, math.ceil(10 * x) / 1e4, raw_mm)
     size = [int(side / mm_per_px + 1e-9) for side in (x, y)]
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
 

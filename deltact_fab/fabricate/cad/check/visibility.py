@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Check, graded
+from deltact_fab.common import Check, find_file, graded, read_toml
 from deltact_fab.sensor import LayeredPath
 
 from ..dimensions import Design
@@ -25,6 +25,12 @@ GRAZING_RAD = math.radians(80.0)
 LENS_KEYS = ("camera.focal_length_mm", "camera.lens_height_mm")
 FOCUS_PRESS_MM = 3.0  # by hand, depth of a usual press: deeper asks for a smaller aperture
 BLUR_PX = 2.0  # by hand: Nyquist limit of the pixels; less would not be resolved
+# By hand: up to a tenth finer than the camera, the rectified image still has what the pixels saw;
+# finer claims what no pixel resolves.
+RAW_SHARE = 1.1
+CELL_PX = 2.0  # Nyquist: two pixels a cell, or neighbours merge
+LIGHT_UM = 0.55  # middle of the visible spectrum (CIE 1931, luminosity)
+PATTERN_NAME = "recommended"  # of patterns/: the guide prints it
 CORNER_BLUR_PX = 5.0  # by hand: a third of the 16 px of a 0.6 mm dot, whose centre is still found
 
 
@@ -57,6 +63,23 @@ def view(design: Design) -> Iterator[Check]:
     limit = f">= {100 * optics.least_view_share:g} % (optics.least_view_share)"
     name, margin = "view of the face", share - optics.least_view_share
     yield margin_check("view-share", name, "camera, skin", value, limit, margin)
+    pixel_mm = raw_mm_per_px(design)
+    value = f"{pixel_mm:.4f} mm a raw pixel in the middle of the face"
+    limit = f"<= {RAW_SHARE:g} x {optics.mm_per_px:g} mm (optics.mm_per_px)"
+    margin = RAW_SHARE * optics.mm_per_px - pixel_mm
+    yield margin_check("raw-pixel", "raw pixel", "camera", value, limit, margin, LENS_KEYS)
+    cell_mm = read_toml(find_file("patterns", PATTERN_NAME)).get("patch_mm", math.inf)
+    value = f"{cell_mm / pixel_mm:.1f} raw pixels a cell of {cell_mm:g} mm ({PATTERN_NAME})"
+    limit, margin = f">= {CELL_PX:g}", cell_mm - CELL_PX * pixel_mm
+    yield margin_check("pattern-cell", "pattern", "camera, skin", value, limit, margin, LENS_KEYS)
+    airy_px = 1.22 * LIGHT_UM * camera.f_number / (camera.pixel_um * camera.binning)
+    value = f"radius of the Airy disc {airy_px:.2f} px, f/{camera.f_number:g}"
+    limit, margin = f"<= {BLUR_PX:g} px", BLUR_PX - airy_px
+    keys = ("camera.f_number", "camera.pixel_um")
+    yield margin_check("diffraction", "diffraction", "camera", value, limit, margin, keys)
+    edge_deg = math.degrees(camera.angle_rad(max(crop_x, crop_y)))
+    value, limit = f"{edge_deg:.0f} deg off the axis {crop}", "<= 180 deg: a lens images no more"
+    yield margin_check("field", "field of the lens", "camera", value, limit, 180 - edge_deg)
     focus_mm = _object_mm(design, 0.0, 0.0)
     if camera.nearest_mm:
         value = f"centre of the face at {focus_mm:.1f} mm"
@@ -77,6 +100,11 @@ def view(design: Design) -> Iterator[Check]:
         )
         limit, keys = f"<= {most_px:g} px", ("camera.f_number", *LENS_KEYS)
         yield margin_check(id, f"focus, {place}", "camera", value, limit, most_px - blur_px, keys)
+
+
+def raw_mm_per_px(design: Design) -> float:
+    """Length on the middle of the face that one pixel of the raw image covers."""
+    return _object_mm(design, 0.0, 0.0) / design.focal_px
 
 
 def _object_mm(design: Design, radius_mm: float, depth_mm: float) -> float:

@@ -86,8 +86,17 @@ def build(design: Design) -> Shape:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Rules of the board's own holes and lens."""
+    """Rules of the board's own holes, lens and cable."""
     cam, radius = d.camera, d.camera.hole_mm / 2
+    for id, name, value, limit_name, room in (
+        ("cable-in-plug", "cable_width_mm", cam.cable_width_mm, "connector_width_mm",
+         cam.connector_width_mm),
+        ("plug-on-cable", "connector_width_mm / 3", cam.connector_width_mm / 3, "cable_width_mm",
+         cam.cable_width_mm),
+        ("cable-height", "cable_height_mm", cam.cable_height_mm, "connector_height_mm",
+         cam.connector_height_mm),
+    ):  # fmt: skip
+        yield at_most(id, name, value, limit_name, room, ("camera.cable_width_mm", *BOARD_KEYS))
     if not radius:
         head = "head of holder.screw", d.holder.row.head_mm
         yield at_most("no-holes", *head, "none without holes", 0)
