@@ -61,9 +61,9 @@ class PrintPose:
 
     Platform frame: z away from it, every part at z >= 0; x, y along its sides.
     down: the side of the part's frame that faces the platform; face: name of that side.
-    tilt_deg: subsequent rotation about the platform's x, which lifts the side at +y; a tilted part
-    stands on supports and does not touch the platform. supports: where they are allowed; empty:
-    nowhere.
+    tilt_deg: subsequent rotation about the platform's x, which lifts the side at +y; 90: the part
+    stands on its side at -y, which `face` names. A part tilted by less stands on supports and does
+    not touch the platform. supports: where they are allowed; empty: nowhere.
     """
 
     down: PlatformSide = "-z"
@@ -77,16 +77,22 @@ class PrintPose:
         down = _DOWN_TURNS[self.down]
         if not self.tilt_deg:
             return down
-        c, s = math.cos(math.radians(self.tilt_deg)), math.sin(math.radians(self.tilt_deg))
+        turn = math.radians(self.tilt_deg)
+        c, s = round(math.cos(turn), 15), round(math.sin(turn), 15)  # 90 degrees are exact
         x, y, z = down
         lower = tuple(c * b - s * a for a, b in zip(z, y, strict=True))
         upper = tuple(s * b + c * a for a, b in zip(z, y, strict=True))
         return x, (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
 
     @property
+    def on_supports(self) -> bool:
+        """True if the part stands on supports, clear of the platform."""
+        return self.tilt_deg not in (0.0, 90.0)
+
+    @property
     def instructions(self) -> str:
         """Instruction for printing."""
-        if self.tilt_deg:
+        if self.on_supports:
             return f"{self.face} down, tilted by {self.tilt_deg:g}°, supports {self.supports}"
         how = f"supports {self.supports}" if self.supports else "no supports"
         return f"{self.face} down, straight on the platform, {how}"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from closed_forms import segment_mm2
+from solids import box, made, rod
 
 from deltact_fab.fabricate.cad import registry
 from deltact_fab.fabricate.cad.build import build_part
@@ -20,6 +21,7 @@ from deltact_fab.fabricate.cad.export import export_parts
 from deltact_fab.fabricate.cad.mesh import mesh_solid
 from deltact_fab.fabricate.cad.overhangs import MIN_CONTACT_MM2, find_contact, lay_on_platform
 from deltact_fab.fabricate.cad.part import PrintPose
+from deltact_fab.fabricate.cad.suction import CELL_MM, MAX_CUP_MM2, find_cups
 
 DESIGN = load_design()
 NAMES = ("light-holder", "cover", "skin-frame", "coupon-mold", "acrylic", "sphere:22", "star")
@@ -37,7 +39,7 @@ def exported(tmp_path_factory):
 
 
 @pytest.mark.parametrize("down", ["-z", "+z"])
-@pytest.mark.parametrize("tilt_deg", [0, 30])
+@pytest.mark.parametrize("tilt_deg", [0, 30, 90])
 def test_named_side_faces_the_platform(down, tilt_deg):
     turn = np.array(PrintPose(down, "side", tilt_deg, "outside" if tilt_deg else "").turn)
     assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
@@ -69,7 +71,8 @@ def test_files_stand_as_manifest_says(exported):
 def test_sphere_on_its_tip_fails():
     part = registry.find_part("sphere:10")
     built = BuiltDesign(DESIGN, (part,), {part.name: build_part(part, DESIGN)[0]})
-    contact, ceilings = platform_contact(built)
+    contact, ceilings, suction = platform_contact(built)
+    assert suction.value == "no cup"
     assert not contact.failed
     # The stem's end with its flat, and the plate's ring around the stem.
     stem_mm2, plate_mm2 = 9 * np.pi - segment_mm2(2.2, 3.0), 25 * np.pi
@@ -90,3 +93,50 @@ def test_tilted_shell_has_no_ceilings():
     assert flat.contact_mm2 > MIN_CONTACT_MM2
     tilted = find_contact(lay_on_platform(mesh, part.pose))
     assert (tilted.ceilings_mm2, tilted.contact_mm2) == (0, 0)
+
+
+POCKET = box((-10, -8, 2), (10, 8, 10))
+CUP = box((-12, -10, 0), (12, 10, 10)).cut(POCKET)
+
+
+@pytest.mark.parametrize(
+    ("solid", "down", "on_supports", "sealed_mm2"),
+    [
+        (CUP, "-z", False, [320]),  # the film closes it
+        (CUP, "-z", True, [320]),
+        (CUP, "+z", False, [320]),  # the platform does
+        (CUP, "+z", True, []),
+        (CUP.cut(box((-12, -1, 2), (0, 1, 4))), "-z", False, []),  # a vent at its floor
+        (CUP.cut(box((-12, -1, 6), (0, 1, 10))), "-z", False, [320]),  # it comes too late
+        (CUP.cut(box((-12, -1, 6), (0, 1, 10))), "+z", False, []),
+        (CUP.cut(box((-1, -1, 0), (1, 1, 2))), "-z", True, []),
+        (CUP.cut(box((-1, -1, 0), (1, 1, 2))), "-z", False, [320]),
+        (CUP.fuse(box((-1, -10, 0), (1, 10, 10))), "-z", False, [144, 144]),
+        (rod(8, 0, 10).cut(rod(5, 0, 10)), "-z", False, [25 * np.pi]),
+        (box((-5, -5, 0), (5, 5, 5)), "-z", False, []),
+    ],
+)
+def test_cups_where_resin_cannot_flow_in(solid, down, on_supports, sealed_mm2):
+    mesh = lay_on_platform(mesh_solid(solid, 0.05, "cup"), PrintPose(down))
+    rim_mm2 = 80 * CELL_MM / 2  # half a cell around
+    assert find_cups(mesh, on_supports) == pytest.approx(sealed_mm2, abs=rim_mm2)
+
+
+@pytest.mark.parametrize(
+    ("name", "flat_mm2"),
+    [("mold", 4 * 39.2 * 40.2), ("coupon-mold", 4 * 176.7), ("light-holder", 320.5)],
+)
+def test_poses_open_what_would_be_cups(name, flat_mm2):
+    """Lying straight on the platform each of them fails, as printed none has a cup."""
+    part = registry.find_part(name)
+    lying = replace(part, pose=PrintPose())
+    for posed, fails in ((lying, True), (part, False)):
+        built = BuiltDesign(DESIGN, (posed,), {name: made(name)})
+        row = next(r for r in platform_contact(built) if r.id == f"suction.{name}")
+        assert row.failed == fails
+    mesh = mesh_solid(made(name), TOLERANCE_MM, name)
+    assert sum(find_cups(lay_on_platform(mesh, lying.pose), False)) == pytest.approx(
+        flat_mm2, rel=0.05
+    )
+    assert find_cups(lay_on_platform(mesh, part.pose), part.pose.on_supports) == []
+    assert flat_mm2 > MAX_CUP_MM2

@@ -23,6 +23,7 @@ from ..kernel import flaw_of
 from ..overhangs import MIN_CONTACT_MM2, PlatformContact, find_contact, lay_on_platform
 from ..part import LASER_CUT, MACHINED_PROCESS, PART_GROUPS, PRINT_PROCESS, Part
 from ..rays import ExactRays, Wall, Walls
+from ..suction import MAX_CUP_MM2, find_cups
 from .built import CHECK_MESH_MM, BuiltDesign
 from .row import format_point
 
@@ -156,7 +157,7 @@ def _on_legs(design: Design, points_mm: NDArray[np.float64]) -> NDArray[np.bool_
 
 
 def platform_contact(model: BuiltDesign) -> Iterator[Check]:
-    """Check platform contact of parts that print untilted, and the ceilings of every part.
+    """Check platform contact of parts that print untilted, ceilings and cups of every part.
 
     An unsupported ceiling may span what the printer can bridge.
     """
@@ -166,7 +167,7 @@ def platform_contact(model: BuiltDesign) -> Iterator[Check]:
         name, pose = part.name, part.pose
         contact = model.fact("bed contact", (name,), partial(_contact_values, model, part))
         on = PlatformContact(**contact)
-        if not pose.tilt_deg:
+        if not pose.on_supports:
             limit = f">= {MIN_CONTACT_MM2:g} mm2"
             value, status = f"{on.contact_mm2:.1f} mm2", graded(on.contact_mm2 >= MIN_CONTACT_MM2)
             yield Check(f"bed-contact.{name}", "bed contact", name, value, limit, status)
@@ -176,6 +177,16 @@ def platform_contact(model: BuiltDesign) -> Iterator[Check]:
             status = graded(bool(pose.supports) or on.span_mm <= span_mm)
             value = on.ceilings_text(pose.supports)
             yield Check(f"ceilings.{name}", "ceilings", name, value, limit, status)
+        cups = model.fact("cups", (name,), partial(_cups_mm2, model, part))
+        value, limit = "no cup", f"<= {MAX_CUP_MM2:g} mm2 a cup"
+        if cups:
+            value = f"{sum(cups):.0f} mm2 sealed in one layer, largest cup {cups[0]:.0f} mm2"
+        status = graded(max(cups, default=0.0) <= MAX_CUP_MM2)
+        yield Check(f"suction.{name}", "suction in printing", name, value, limit, status)
+
+
+def _cups_mm2(model: BuiltDesign, part: Part) -> list[float]:
+    return find_cups(lay_on_platform(model.mesh(part.name), part.pose), part.pose.on_supports)
 
 
 def _contact_values(model: BuiltDesign, part: Part) -> dict[str, Any]:

@@ -75,8 +75,7 @@ def view(design: Design) -> Iterator[Check]:
     airy_px = 1.22 * LIGHT_UM * camera.f_number / (camera.pixel_um * camera.binning)
     value = f"radius of the Airy disc {airy_px:.2f} px, f/{camera.f_number:g}"
     limit, margin = f"<= {BLUR_PX:g} px", BLUR_PX - airy_px
-    keys = ("camera.f_number", "camera.pixel_um")
-    yield margin_check("diffraction", "diffraction", "camera", value, limit, margin, keys)
+    yield margin_check("diffraction", "diffraction", "camera", value, limit, margin, LENS_KEYS)
     edge_deg = math.degrees(camera.angle_rad(max(crop_x, crop_y)))
     value, limit = f"{edge_deg:.0f} deg off the axis {crop}", "<= 180 deg: a lens images no more"
     yield margin_check("field", "field of the lens", "camera", value, limit, 180 - edge_deg)

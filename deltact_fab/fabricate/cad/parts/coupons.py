@@ -46,6 +46,7 @@ from ..drafting.dimensioning import Callouts, x_of
 from ..kernel import Extent, Shape, around, cuboid, cylinders
 from ..part import AMBER_RGBA, CLEAR_RGBA, LASER_CUT, RESIN_MATERIAL, Part
 from ..rule import at_most, below
+from .mold import MOLD_POSE
 
 KERF_PIECES = 10  # by hand: more average the kerf better and take more sheet
 
@@ -163,6 +164,7 @@ PARTS = (
         sections=("coupon",),
         wall_keys=("shell.wall_mm",),
         callouts=well_callouts,
+        pose=MOLD_POSE,
         note="to test whether the resin inhibits the cure",
         how="same job and same wash as the mold",
         look_for="as the mold",

@@ -216,7 +216,7 @@ PARTS = (
         wall_keys=("light.wall_mm", "light.diffuser_mm", "light.floor_mm"),
         in_view=True,
         callouts=callouts,
-        pose=PrintPose(face="floor"),
+        pose=PrintPose(face="floor", tilt_deg=20, supports="under the floor only"),
         look_for="no resin left in the channel: blow it out before the post-cure",
     ),
     Part(

@@ -27,11 +27,13 @@ from deltact_fab.common import Check, Point2
 from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, fmt, x_of, y_of, z_of
 from ..kernel import Extent, Shape, around, cuboid, require
-from ..part import AMBER_RGBA, RESIN_MATERIAL, Part
+from ..part import AMBER_RGBA, RESIN_MATERIAL, Part, PrintPose
 from ..rule import PlayFit, below
 
 # Used by the mold's drawing and the guide.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
+# On edge: lying, each cavity would be a suction cup; upside down, its floor would need supports.
+MOLD_POSE = PrintPose(face="edge at -y", tilt_deg=90)
 
 
 def centres_mm(design: Design) -> list[Point2]:
@@ -137,6 +139,7 @@ PARTS = (
         fits=fits,
         wall_keys=("shell.wall_mm",),
         callouts=callouts,
+        pose=MOLD_POSE,
         note="casts {d.mold.columns} x {d.mold.rows} skins at a time",
         look_for="cavity floors glossy: every skin copies their defects",
     ),
