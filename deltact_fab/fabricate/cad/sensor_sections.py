@@ -83,7 +83,7 @@ class CameraDimensions(Bounded):
     crop_height_px: int = bounded_number(720, "image height", 8, 10_000)
     connector_width_mm: float = assumed_length(23.0, "connector along x", 1, 100)
     connector_length_mm: float = assumed_length(6.0, "connector along y", 1, 50)
-    connector_height_mm: float = assumed_length(2.65, "connector along z", 0.2, 20)
+    connector_height_mm: float = assumed_length(2.65, "connector along z", 0.5, 20)
     cable: str = field(
         default="flat, 15 way, 1.0 mm pitch, 16 mm wide",
         metadata={"description": "matching cable, to order"},

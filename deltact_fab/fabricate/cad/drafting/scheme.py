@@ -158,6 +158,9 @@ class _Chain:
             bounds = self.ends if r.full_turn else self.ends | self.planes
             for side in (-1, 1):
                 edge = _key(r.low_mm[k] + side * r.radius_mm)
+                # A rounded edge touches what it bulges towards; the far side equals by chance.
+                if r.rounds_an_edge and side * (r.point[k] - r.low_mm[k]) <= 0:
+                    continue
                 if edge in bounds and not (r.full_turn and r.hole):
                     self._union(centre_node, edge)
             if " apart" in labels[r]:

@@ -93,8 +93,6 @@ def rules(d: Design) -> Iterator[Check]:
          cam.connector_width_mm),
         ("plug-on-cable", "connector_width_mm / 3", cam.connector_width_mm / 3, "cable_width_mm",
          cam.cable_width_mm),
-        ("cable-height", "cable_height_mm", cam.cable_height_mm, "connector_height_mm",
-         cam.connector_height_mm),
     ):  # fmt: skip
         yield at_most(id, name, value, limit_name, room, ("camera.cable_width_mm", *BOARD_KEYS))
     if not radius:
