@@ -22,7 +22,7 @@ from .design import load_camera, load_cameras
 from .dimensions import Design
 from .parts.camera import off_axis_mm
 from .rule import statement
-from .standards import CAP_SCREWS, CHEESE_SCREWS, CapThread, CheeseThread
+from .standards import CAP_SCREWS, CHEESE_SCREWS, CHEESE_STOCK_MM, CapThread, CheeseThread
 
 GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)  # by hand, from the paper's 12: thicker costs silicone
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: thicknesses of cast PMMA on sale
@@ -38,7 +38,6 @@ THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
 DEFAULT_SHARE = 0.55  # by hand, visible share of the face: a larger one makes the sensor thicker
 FACE_RANGE_MM = 10.0, 200.0  # by hand: wider accepts typing errors, narrower refuses sensors
 MAX_REPAIRS = 400  # by hand: fewer give up on solvable designs, more take longer to refuse
-CHEESE_LENGTHS_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: lengths on sale (ISO 1207)
 CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a third is reflected there
 
 
@@ -257,7 +256,7 @@ def _fit_to_camera(design: Design) -> Design:
         (name for name, row in reversed(CHEESE_SCREWS.items()) if row.thread_mm <= through), "none"
     )
     row = CHEESE_SCREWS[thread]
-    length_mm = next(mm for mm in CHEESE_LENGTHS_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
+    length_mm = next(mm for mm in CHEESE_STOCK_MM if mm >= camera.board_mm + row.thread_mm - 1e-6)
     notch_mm = max(shell.cable_height_mm, round(camera.cable_height_mm + 1.7, 2))
     room_mm = max(
         holder.clearance_mm, camera.connector_height_mm + 0.35, notch_mm,

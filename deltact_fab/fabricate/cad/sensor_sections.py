@@ -345,6 +345,10 @@ class ScrewDimensions(Bounded):
     length_mm: float = bounded_number(
         16.0, "length below the head; M1.6 is sold up to 16 (paper: 19)", 3, 60
     )
+    cut: bool = field(
+        default=False,
+        metadata={"description": "made from a longer screw or rod: a length that is not sold"},
+    )
     engagement_mm: float = bounded_number(4.6, "thread engagement in the frame", 1, 20)
     tip_clearance_mm: float = bounded_number(1.0, "depth of the pilot hole beyond the tip", 0.5, 10)
 

@@ -54,6 +54,9 @@ class CheeseScrew:
     slot_depth_mm: float
 
 
+CHEESE_STOCK_MM = (2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: lengths on sale (ISO 1207)
+SHEET_STOCK_MM = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0)
+"""By hand: thicknesses of cast PMMA on sale."""
 CHEESE_SCREWS: dict[CheeseThread, CheeseScrew] = {
     "none": CheeseScrew(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     "M1.6": CheeseScrew(1.6, 3.0, 1.1, 1.35, 0.4, 0.45),

@@ -36,7 +36,13 @@ SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = 
 """Each kind of check on solids: id, and name of its row if it cannot run."""
 PER_PART_CHECKS = ("drawings", "wall-thickness", "bed-contact")
 """Checks of SOLID_CHECKS whose rows need no part but their subject."""
-ARITHMETIC_CHECKS = (arithmetic.inequalities, arithmetic.fits, arithmetic.light, visibility.view)
+ARITHMETIC_CHECKS = (
+    arithmetic.inequalities,
+    arithmetic.fits,
+    arithmetic.stock,
+    arithmetic.light,
+    visibility.view,
+)
 
 
 def check_design(

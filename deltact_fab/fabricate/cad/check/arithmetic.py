@@ -20,6 +20,7 @@ from ..part import PRINT_PROCESS
 from ..parts.light_holder import led_turns, plate_bending_room
 from ..registry import design_parts
 from ..rule import first_of, statement
+from ..standards import CHEESE_STOCK_MM, SHEET_STOCK_MM
 from ..stiffness import bend, plate_of, press_plate
 from .row import margin_check
 
@@ -80,6 +81,22 @@ def platform(design: Design) -> Iterator[Check]:
     for name in tight:
         status, id = graded(margins[name] >= 0), f"fits-printer.{name}"
         yield Check(id, "fits the printer", name, _size_text(sides[name]), limit, status, keys)
+
+
+def stock(design: Design) -> Iterator[Check]:
+    """Check the lengths of screws and the sheet's thickness: they are sold."""
+    screw, holder = design.screw, design.holder
+    for part, key, value_mm, stock_mm, own in (
+        ("screw", "screw.length_mm", screw.length_mm, screw.row.stock_mm, screw.cut),
+        ("camera-screw", "holder.screw_length_mm", holder.screw_length_mm, CHEESE_STOCK_MM,
+         not design.camera_screw_centres_mm),
+        ("acrylic", "optics.acrylic_mm", design.optics.acrylic_mm, SHEET_STOCK_MM, False),
+    ):  # fmt: skip
+        sold = own or value_mm in stock_mm
+        limit = f"sold: {', '.join(f'{mm:g}' for mm in stock_mm)} mm"
+        remedy = "" if sold else f"{key}: {min(stock_mm, key=lambda mm: abs(mm - value_mm)):g}"
+        value, status = f"{value_mm:g} mm", graded(sold)
+        yield Check(f"sold.{part}", "sold", part, value, limit, status, remedy=remedy)
 
 
 def _size_text(sides_mm: list[float]) -> str:

@@ -65,7 +65,7 @@ def add_remedies(rows: Callable[[Design], Iterable[Check]], design: Design) -> I
     A changed design without the row counts as unknown (NaN).
     """
     for row in rows(design):
-        if row.failed:
+        if row.failed and not row.remedy:
 
             def margin(changed: Design, id: str = row.id) -> float:
                 new_margin = next((check.margin for check in rows(changed) if check.id == id), None)

@@ -28,10 +28,13 @@ from ..dimensions import Design
 from ..drafting.dimensioning import Callouts, Leader, fmt, x_of, y_of, z_of
 from ..kernel import Extent, Shape, around, cuboid, require
 from ..part import AMBER_RGBA, RESIN_MATERIAL, Part, PrintPose
-from ..rule import PlayFit, below
+from ..rule import PlayFit, at_most, below
 
 # Used by the mold's drawing and the guide.
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
+# By hand, least and most of a floor: wet sanding and a coat of lacquer make no finer ones; rougher
+# than SLA prints, or less flat than a print on edge, every skin is.
+FLATNESS_MM, ROUGHNESS_UM = (0.02, 0.2), (0.1, 3.2)
 # On edge: lying, each cavity would be a suction cup; upside down, its floor would need supports.
 MOLD_POSE = PrintPose(face="edge at -y", tilt_deg=90)
 
@@ -79,8 +82,14 @@ def _cutter(design: Design) -> Any:
 
 
 def rules(d: Design) -> Iterator[Check]:
-    """Rules of the seat's depth and the notches."""
+    """Rules of the seat's depth, the notches, and what a floor can be."""
     mold = d.mold
+    for key, value, unit, (least, most) in (
+        ("floor_flatness_mm", mold.floor_flatness_mm, "mm", FLATNESS_MM),
+        ("floor_roughness_um", mold.floor_roughness_um, "um", ROUGHNESS_UM),
+    ):
+        yield at_most(f"{key}-least", f"finest with a coat, {unit}", least, key, value)
+        yield at_most(key, key, value, f"coarsest face, {unit}", most)
     yield below("seat", "seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
     yield below("pry", "fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
