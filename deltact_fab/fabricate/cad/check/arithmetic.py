@@ -76,7 +76,7 @@ def platform(design: Design) -> Iterator[Check]:
         name: min(r - s for r, s in zip(room, size, strict=True)) for name, size in sides.items()
     }
     keys = tuple(f"resin_printer.bed_{axis}_mm" for axis in "xyz")
-    limit = f"<= {_size_text(room)} (resin_printer.bed_x_mm, bed_y_mm, bed_z_mm)"
+    limit = f"<= {_size_text(room)} ({', '.join(keys)})"
     tight = [n for n in margins if margins[n] < 0] or [min(margins, key=margins.__getitem__)]
     for name in tight:
         status, id = graded(margins[name] >= 0), f"fits-printer.{name}"

@@ -64,11 +64,14 @@ def add_remedies(rows: Callable[[Design], Iterable[Check]], design: Design) -> I
 
     A changed design without the row counts as unknown (NaN).
     """
+    margins: dict[Design, dict[str, float | None]] = {}
     for row in rows(design):
         if row.failed and not row.remedy:
 
             def margin(changed: Design, id: str = row.id) -> float:
-                new_margin = next((check.margin for check in rows(changed) if check.id == id), None)
+                if changed not in margins:
+                    margins[changed] = {check.id: check.margin for check in rows(changed)}
+                new_margin = margins[changed].get(id)
                 return math.nan if new_margin is None else new_margin
 
             row = replace(row, remedy=advice(design, margin))

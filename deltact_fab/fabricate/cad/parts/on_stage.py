@@ -38,9 +38,14 @@ from ..drafting.dimensioning import SCREWS_CUT, Callouts, fmt
 from ..kernel import Extent, Shape, around, cylinders, require
 from ..part import BLACK_RGBA, BOUGHT_PROCESS, STEEL_RGBA, Part, PrintPose, Shift
 from ..rule import Length, PlayFit, at_most, below
-from ..standards import thread_text
+from ..standards import METRIC_THREADS, thread_text
 
 SCREW_THREAD = thread_text("M3")
+FLANGE_CORE = (
+    "core of its screw (ISO 724)",
+    FLANGE_SCREW.thread_mm - 1.2269 * METRIC_THREADS["M3"].pitch_mm,
+)
+"""No screw enters a narrower hole."""
 
 
 def holder_box(design: Design) -> Extent:
@@ -84,6 +89,7 @@ def holder_rules(d: Design) -> Iterator[Check]:
     above, under = tool.clamp_z_mm + tool.clamp_mm / 2 + 1.5, tool.height_mm - tool.flange_mm
     hole = "tool.clamp_z_mm + hole / 2 + 1.5", above
     yield at_most("clamp", *hole, "underside of the flange", under)
+    yield at_most("clamp-core", *FLANGE_CORE, "tool.clamp_mm", tool.clamp_mm)
 
 
 def holder_fits(d: Design) -> Iterator[PlayFit]:
@@ -155,6 +161,7 @@ def adapter_rules(d: Design) -> Iterator[Check]:
     yield at_most("bolt-bore-depth", "bolt_bore_depth_mm + 2", deep, "adapter.thickness_mm", thick)
     holes = "adapter.bolt_circle_mm + hole", plate.bolt_circle_mm + plate.bolt_hole_mm
     yield at_most("bolts-on-sensor", *holes, "adapter.sensor_mm", plate.sensor_mm, ADAPTER_KEYS)
+    yield at_most("pilot-core", *FLANGE_CORE, "adapter.pilot_mm", plate.pilot_mm)
 
 
 def adapter_fits(d: Design) -> Iterator[PlayFit]:
