@@ -192,7 +192,7 @@ class _Key:
         value, bounds = self._value, self._field.metadata
         if not self._is_number or "ge" not in bounds or Design.is_unverified(self._field):
             return None
-        if self.is_given:
+        if self.is_given or "limit" in self.name:
             return None
         step = 1 if isinstance(value, int) else max(abs(value) * SEARCH_STEP, SEARCH_STEP)
         better = self._margin_with(value) + RULE_SLACK
