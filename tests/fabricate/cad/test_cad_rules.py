@@ -158,6 +158,7 @@ def test_rule_marks_unverified_values():
     assert of_camera(rests_on(Design())) == {
         "camera.lens_height_mm",
         "camera.lens_diameter_mm",
+        "camera.cable_width_mm",
         *BOARD_KEYS,
     }
     assert rests_on(Design()) <= set(Design().unverified())

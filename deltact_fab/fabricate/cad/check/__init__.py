@@ -14,7 +14,7 @@ from deltact_fab.common import Check, Progress, RunFailed
 from ..design import IndenterList
 from ..dimensions import Design
 from ..kernel import guarded
-from ..registry import design_parts, list_parts
+from ..registry import list_parts
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
 from .row import add_remedies, fails, mark_unverified, name_culprits
@@ -115,14 +115,14 @@ def check_solids(
             report(name)
         try:
             with guarded(name):
-                judged = list(check(model))
+                results = list(check(model))
         except PartMissing as error:
             undone.append(str(error))
             continue
         except RunFailed as error:
-            judged = [Check(id, name, "", f"not run: {error}", "runs", "fail")]
+            results = [Check(id, name, "", f"not run: {error}", "runs", "fail")]
         passes = partial(_passes, model, trials, id)
-        rows += mark_unverified(name_culprits(judged, model.design, passes), model.design)
+        rows += mark_unverified(name_culprits(results, model.design, passes), model.design)
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows
@@ -133,13 +133,12 @@ def _passes(
 ) -> bool:
     """Return whether the row passes on a changed design, whose solids are kept in `trials`."""
     if changed not in trials:
-        tips = (part for part in model.parts if part.indenter is not None)
-        facts = model.facts or Facts()
-        trials[changed] = BuiltDesign(changed, (*design_parts(changed), *tips), facts=facts)
+        parts = tuple(part for part in model.parts if part.places(changed))
+        trials[changed] = BuiltDesign(changed, parts, facts=model.facts or Facts())
     trial = trials[changed]
     if id in PER_PART_CHECKS:
-        one = row.subject.partition(",")[0]
-        trial = replace(trial, parts=tuple(part for part in trial.parts if part.name == one))
+        subject = row.subject.partition(",")[0]
+        trial = replace(trial, parts=tuple(part for part in trial.parts if part.name == subject))
     try:
         with guarded(row.name):
             return not fails(SOLID_CHECKS[id][1](trial), row)
