@@ -15,6 +15,7 @@ from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_
 from deltact_fab.fabricate.cad.intent import Wish, failed_checks, find_design, solve_wish
 from deltact_fab.fabricate.cad.parts.camera import off_axis
 from deltact_fab.fabricate.cad.registry import design_parts
+from deltact_fab.sensor import LayeredPath
 
 BASE = load_design()
 SLOW = pytest.mark.slow
@@ -141,3 +142,27 @@ def test_clearance_behind_board_fits_highest(changes, room_mm):
     flat = replace(BASE.camera, connector_height_mm=1.0, cable_height_mm=0.5)
     design = find_design(Wish.parse("36x34"), replace(BASE, camera=replace(flat, **changes)))
     assert design.holder.clearance_mm == pytest.approx(room_mm)
+
+
+@pytest.mark.parametrize("camera", [None, "rpi-camera-2", "rpi-camera-3-wide", "innomaker-u20cam"])
+def test_scale_is_no_finer_than_the_pixels(camera):
+    """A pixel in the middle of the face, by the fisheye's own projection of two points."""
+    design = find_design(Wish.parse("45x30", camera=camera), BASE)
+    path = LayeredPath(design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm)
+    raw_mm = 1e-4 / (path.half_angle_rad(1e-4) * design.focal_px)
+    assert visibility.raw_mm_per_px(design) == pytest.approx(raw_mm, rel=1e-3)
+    assert raw_mm <= design.optics.mm_per_px
+    finer = replace(design, optics=replace(design.optics, mm_per_px=raw_mm / 1.11))
+    assert "raw-pixel" in [row.id for row in visibility.view(finer) if row.failed]
+
+
+def test_pattern_is_resolved(tmp_path, monkeypatch):
+    (tmp_path / "patterns").mkdir()
+    (tmp_path / "patterns/recommended.toml").write_text("patch_mm = 0.06\n")
+
+    def failed():
+        return [row.id for row in visibility.view(BASE) if row.failed]
+
+    assert failed() == []
+    monkeypatch.chdir(tmp_path)
+    assert failed() == ["pattern-cell"]  # 0.0331 mm a pixel

@@ -68,10 +68,10 @@ def view(design: Design) -> Iterator[Check]:
     limit = f"<= {RAW_SHARE:g} x {optics.mm_per_px:g} mm (optics.mm_per_px)"
     margin = RAW_SHARE * optics.mm_per_px - pixel_mm
     yield margin_check("raw-pixel", "raw pixel", "camera", value, limit, margin, LENS_KEYS)
-    cell_mm = read_toml(find_file("patterns", PATTERN_NAME)).get("patch_mm", math.inf)
-    value = f"{cell_mm / pixel_mm:.1f} raw pixels a cell of {cell_mm:g} mm ({PATTERN_NAME})"
-    limit, margin = f">= {CELL_PX:g}", cell_mm - CELL_PX * pixel_mm
-    yield margin_check("pattern-cell", "pattern", "camera, skin", value, limit, margin, LENS_KEYS)
+    if cell_mm := read_toml(find_file("patterns", PATTERN_NAME)).get("patch_mm"):
+        value = f"{cell_mm / pixel_mm:.1f} raw pixels a cell of {cell_mm:g} mm ({PATTERN_NAME})"
+        limit, margin = f">= {CELL_PX:g}", cell_mm - CELL_PX * pixel_mm
+        yield margin_check("pattern-cell", "pattern", "camera", value, limit, margin, LENS_KEYS)
     airy_px = 1.22 * LIGHT_UM * camera.f_number / (camera.pixel_um * camera.binning)
     value = f"radius of the Airy disc {airy_px:.2f} px, f/{camera.f_number:g}"
     limit, margin = f"<= {BLUR_PX:g} px", BLUR_PX - airy_px
