@@ -116,7 +116,7 @@ def name_culprits(
 
     passes: True if the row of a changed design passes. Keys of earlier rows are tried first.
     """
-    culprits: list[_Key] = []
+    names: list[str] = []
     for row in rows:
         if row.failed and not row.remedy:
 
@@ -124,11 +124,9 @@ def name_culprits(
                 return 0.0 if passes(changed, row) else -1.0
 
             keys = [key for key in _keys(design, margin) if key.is_changed]
-            names = [key.name for key in culprits]
             keys.sort(key=lambda key: (key.name not in names, key.is_given))
-            culprit = next((key for key in keys if key.default_passes), None)
-            if culprit is not None:
-                culprits.append(culprit)
+            if culprit := next((key for key in keys if key.default_passes), None):
+                names.append(culprit.name)
                 row = replace(row, remedy=culprit.default_text)
         yield row
 
@@ -166,9 +164,7 @@ class _Key:
     @property
     def default_text(self) -> str:
         """Key and default, as in `shell.wall_mm: 1.5`."""
-        return (
-            f"{self.name}: {self.default:g}" if self._is_number else f"{self.name}: {self.default}"
-        )
+        return f"{self.name}: {self.default}".removesuffix(".0")
 
     def _margin_with(self, value: Any) -> float:
         """Return the margin with this value; nan if the value is out of bounds."""
