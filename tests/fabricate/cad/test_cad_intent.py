@@ -145,7 +145,7 @@ def test_clearance_behind_board_fits_highest(changes, room_mm):
 
 
 @pytest.mark.parametrize("camera", [None, "rpi-camera-2", "rpi-camera-3-wide", "innomaker-u20cam"])
-def test_scale_is_no_finer_than_the_pixels(camera):
+def test_scale_no_finer_than_pixels(camera):
     """A pixel in the middle of the face, by the fisheye's own projection of two points."""
     design = find_design(Wish.parse("45x30", camera=camera), BASE)
     path = LayeredPath(design.optics.air_gap_mm, design.optics.acrylic_mm, design.skin.thickness_mm)

@@ -86,16 +86,16 @@ def platform(design: Design) -> Iterator[Check]:
 def stock(design: Design) -> Iterator[Check]:
     """Check the lengths of screws and the sheet's thickness: they are sold."""
     screw, holder = design.screw, design.holder
-    for part, key, value_mm, stock_mm, own in (
+    for part, key, value_mm, stock_mm, exempt in (
         ("screw", "screw.length_mm", screw.length_mm, screw.row.stock_mm, screw.cut),
         ("camera-screw", "holder.screw_length_mm", holder.screw_length_mm, CHEESE_STOCK_MM,
          not design.camera_screw_centres_mm),
         ("acrylic", "optics.acrylic_mm", design.optics.acrylic_mm, SHEET_STOCK_MM, False),
     ):  # fmt: skip
-        sold = own or value_mm in stock_mm
+        passed = exempt or value_mm in stock_mm
         limit = f"sold: {', '.join(f'{mm:g}' for mm in stock_mm)} mm"
-        remedy = "" if sold else f"{key}: {min(stock_mm, key=lambda mm: abs(mm - value_mm)):g}"
-        value, status = f"{value_mm:g} mm", graded(sold)
+        remedy = "" if passed else f"{key}: {min(stock_mm, key=lambda mm: abs(mm - value_mm)):g}"
+        value, status = f"{value_mm:g} mm", graded(passed)
         yield Check(f"sold.{part}", "sold", part, value, limit, status, remedy=remedy)
 
 

@@ -84,12 +84,12 @@ def _cutter(design: Design) -> Any:
 def rules(d: Design) -> Iterator[Check]:
     """Rules of the seat's depth, the notches, and what a floor can be."""
     mold = d.mold
-    for key, value, unit, (least, most) in (
+    for key, value, unit, (finest, coarsest) in (
         ("floor_flatness_mm", mold.floor_flatness_mm, "mm", FLATNESS_MM),
         ("floor_roughness_um", mold.floor_roughness_um, "um", ROUGHNESS_UM),
     ):
-        yield at_most(f"{key}-least", f"finest with a coat, {unit}", least, key, value)
-        yield at_most(key, key, value, f"coarsest face, {unit}", most)
+        yield at_most(f"{key}-least", f"finest with a coat, {unit}", finest, key, value)
+        yield at_most(key, key, value, f"coarsest face, {unit}", coarsest)
     yield below("seat", "seat_mm", mold.seat_mm, "frame height", d.frame_height_mm)
     yield below("pry", "fit_mm + pry_mm", mold.fit_mm + mold.pry_mm, "web_mm / 2", mold.web_mm / 2)
 
