@@ -140,3 +140,9 @@ def test_poses_open_what_would_be_cups(name, flat_mm2):
     )
     assert find_cups(lay_on_platform(mesh, part.pose), part.pose.on_supports) == []
     assert flat_mm2 > MAX_CUP_MM2
+
+
+def test_part_on_edge_needs_no_supports():
+    pose = registry.find_part("mold").pose
+    assert pose.instructions == "edge at -y down, straight on the platform, no supports"
+    assert "tilted by 20°, supports under the floor" in registry.find_part("light-holder").making

@@ -219,7 +219,7 @@ PARTS = (
         wall_keys=("shell.wall_mm",),
         callouts=testing_callouts,
         note="in place of the shell; {d.table.screw} screws into the table",
-        pose=PrintPose(face="back", tilt_deg=20, supports="outside only"),
+        pose=PrintPose(face="back", tilt_deg=45, supports="outside only"),
         look_for="as the shell; tabs flat on the table",
     ),
     Part(
