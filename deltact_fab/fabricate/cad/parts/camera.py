@@ -93,6 +93,9 @@ def rules(d: Design) -> Iterator[Check]:
          cam.connector_width_mm),
         ("plug-on-cable", "connector_width_mm / 3", cam.connector_width_mm / 3, "cable_width_mm",
          cam.cable_width_mm),
+        # No lens is shorter than its focal length, but a telephoto.
+        ("focus-in-lens", "focal_length_mm", cam.focal_length_mm, "lens_height_mm",
+         cam.lens_height_mm),
     ):  # fmt: skip
         yield at_most(id, name, value, limit_name, room, ("camera.cable_width_mm", *BOARD_KEYS))
     if not radius:

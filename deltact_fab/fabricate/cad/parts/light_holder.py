@@ -217,7 +217,7 @@ PARTS = (
         in_view=True,
         callouts=callouts,
         pose=PrintPose(face="floor", tilt_deg=20, supports="under the floor only"),
-        look_for="no resin left in the channel: blow it out before the post-cure; the floor sanded flat",
+        look_for="no resin left in the channel: blow it out before the post-cure; floor sanded",
     ),
     Part(
         "led-strip",
