@@ -25,10 +25,10 @@ def find_cups(mesh: Mesh, on_supports: bool) -> list[float]:
     from scipy.cluster.hierarchy import DisjointSet
     from scipy.ndimage import label
 
-    beside = np.zeros((3, 3, 3), bool)
-    beside[1, 1, :] = beside[1, :, 1] = True
+    in_plane = np.zeros((3, 3, 3), bool)
+    in_plane[1, 1, :] = in_plane[1, :, 1] = True
     # Empty regions of each layer, numbered layer by layer; 0 is the part.
-    regions, count = label(~_cells(mesh), beside)
+    regions, count = label(~_cells(mesh), in_plane)
     area_mm2 = (np.bincount(regions.ravel()) * CELL_MM**2).tolist()
     codes = np.unique(regions[1:] * np.int64(count + 1) + regions[:-1])
     links = [(n, k) for n, k in zip(*(v.tolist() for v in divmod(codes, count + 1)), strict=True)]
@@ -66,11 +66,11 @@ def _cells(mesh: Mesh) -> NDArray[np.bool_]:
     a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     twice = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     first = np.ceil(corners[..., :2].min(axis=1) - 0.5).astype(int)
-    wide, long = (np.ceil(corners[..., :2].max(axis=1) - 0.5).astype(int) - first).T
-    count = np.where(np.abs(twice) > 1e-9, wide * long, 0)
+    width, length = (np.ceil(corners[..., :2].max(axis=1) - 0.5).astype(int) - first).T
+    count = np.where(np.abs(twice) > 1e-9, width * length, 0)
     t = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(t)) - np.repeat(np.cumsum(count) - count, count)
-    x, y = first[t, 0] + step % wide[t], first[t, 1] + step // wide[t]
+    x, y = first[t, 0] + step % width[t], first[t, 1] + step // width[t]
     right, up = x + 0.5 - a[t, 0], y + 0.5 - a[t, 1]
     along_u = (right * v[t, 1] - up * v[t, 0]) / twice[t]
     along_v = (up * u[t, 0] - right * u[t, 1]) / twice[t]
