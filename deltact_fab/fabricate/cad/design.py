@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,21 @@ def load_design(name: str = "deltact", changes: Iterable[str] = ()) -> Design:
     for change in changes:
         _change(data, change)
     return validate(Design, data, str(path))
+
+
+def reference_designs(name: str, design: Design) -> tuple[Design, ...]:
+    """Return the designs that a design was changed from, nearest first.
+
+    These are its file without further changes, the file's bases, and the defaults; only the
+    defaults if no file has that name.
+    """
+    bases = []
+    base: str | None = name
+    with suppress(InputError):
+        while base is not None:
+            bases.append(load_design(base))
+            base = read_toml(find_file("cad", base)).get("base")
+    return tuple(dict.fromkeys(b for b in (*bases, Design()) if b != design)) or (Design(),)
 
 
 def _with_base(path: Path, ancestors: tuple[Path, ...]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..kernel import guarded
 from ..registry import list_parts
 from . import arithmetic, each_part, together, visibility
 from .built import BuiltDesign, Facts, PartMissing
-from .row import add_remedies, fails, mark_unverified, name_culprits
+from .row import PAPER_BASES, Bases, add_remedies, fails, mark_unverified, name_culprits
 
 SOLID_CHECKS: dict[str, tuple[str, Callable[[BuiltDesign], Iterable[Check]]]] = {
     "drawings": ("drawings", each_part.drawings),
@@ -50,24 +50,27 @@ def check_design(
     progress: Progress | None = None,
     indenters: IndenterList | None = None,
     cached: bool = False,
+    bases: Bases = PAPER_BASES,
 ) -> list[Check]:
     """Check a design: inequalities first, then every part and the whole as built.
 
     progress: called with (count, total, step) before each part that is built and each check.
     indenters: cad/indenters.toml if None. cached: reuse results of earlier checks on unchanged
-    parts and store new ones; when nothing is missing the CAD kernel is not imported.
+    parts and store new ones; when nothing is missing the CAD kernel is not imported. bases: as in
+    `reference_designs`, for the remedies.
 
     Every failure is a row, also a broken inequality and a part that cannot be built; one more
     row counts the checks skipped because of it. Raises MissingLibrary without the CAD kernel, and
     InputError when the list of indenters is unusable.
     """
-    rows = check_arithmetic(design)
+    rows = check_arithmetic(design, bases)
     if any(row.failed for row in rows if row.name == "inequalities"):
         return [*rows, not_run(len(SOLID_CHECKS), "constraints fail, see above")]
     platform = name_culprits(
         arithmetic.platform(design),
         design,
         lambda changed, row: not fails(arithmetic.platform(changed), row),
+        bases,
     )
     rows += mark_unverified(platform, design)
     started = 0
@@ -79,7 +82,8 @@ def check_design(
         started += 1
 
     facts = Facts() if cached else None
-    model = BuiltDesign(design, tuple(list_parts(indenters, design)), facts=facts, report=report)
+    parts = tuple(list_parts(indenters, design))
+    model = BuiltDesign(design, parts, facts=facts, report=report, bases=bases)
     total = len(model.parts) + len(SOLID_CHECKS)
     rows += check_solids(model, report)
     if facts is not None:
@@ -89,11 +93,11 @@ def check_design(
     return rows
 
 
-def check_arithmetic(design: Design) -> list[Check]:
+def check_arithmetic(design: Design, bases: Bases = PAPER_BASES) -> list[Check]:
     """Run the checks that need no solids."""
     rows: list[Check] = []
     for checks in ARITHMETIC_CHECKS:
-        rows += mark_unverified(add_remedies(checks, design), design)
+        rows += mark_unverified(add_remedies(checks, design, bases), design)
     return rows
 
 
@@ -122,7 +126,8 @@ def check_solids(
         except RunFailed as error:
             results = [Check(id, name, "", f"not run: {error}", "runs", "fail")]
         passes = partial(_passes, model, trials, id)
-        rows += mark_unverified(name_culprits(results, model.design, passes), model.design)
+        named = name_culprits(results, model.design, passes, model.bases)
+        rows += mark_unverified(named, model.design)
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows

@@ -16,6 +16,7 @@ from ..features import Round, SolidFeatures, features_of
 from ..kernel import Extent
 from ..mesh import Mesh, mesh_solid
 from ..part import Part
+from .row import PAPER_BASES, Bases
 
 # By hand: coarse is enough, since rays are measured again on exact surfaces; finer costs time.
 CHECK_MESH_MM = 0.05
@@ -65,8 +66,8 @@ class BuiltDesign:
     """All parts of a design for the checks; a solid is built on first access.
 
     solids: ready solids by part name. facts: cache of results to use and extend; None with solids
-    that were not built from this design. report: called with the name of each part before it is
-    built.
+    that were not built from this design. bases: as in `reference_designs`. report: called with the
+    name of each part before it is built.
     """
 
     design: Design
@@ -74,6 +75,7 @@ class BuiltDesign:
     solids: dict[str, Any] = field(default_factory=dict)
     facts: Facts | None = None
     report: Reporter | None = None
+    bases: Bases = PAPER_BASES
     failures: dict[str, str] = field(default_factory=dict)
     meshes: dict[str, Mesh] = field(default_factory=dict)
     results: dict[tuple[str, tuple[str, ...]], Any] = field(default_factory=dict)

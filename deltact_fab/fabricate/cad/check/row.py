@@ -3,7 +3,8 @@
 The remedy is found by changing one number at a time, from the margin alone (at least 0 where the
 check passes) and not from the check's text. Numbers that differ from their default and pass at it
 come first; only if there are none is every number varied, for a check by arithmetic. A value that
-the lab measured is never changed.
+the lab measured is never changed. Defaults are those of the design that was changed: its file
+without the changes, then the file's base, then the paper's.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from ..parts.camera import BOARD_KEYS
 from ..rule import RULE_SLACK
 
 Margin = Callable[[Design], float]
+Bases = tuple[Design, ...]
+"""Designs that a design was changed from, nearest first."""
+PAPER_BASES: Bases = (Design(),)
 MAX_NAMED_KEYS = 3  # by hand: one line has no room for more
 SEARCH_STEP = 0.01  # by hand, first relative step: smaller takes longer, larger may skip a solution
 # Properties of machines and the envelope are given: they are no remedies.
@@ -59,10 +63,13 @@ def mark_unverified(rows: Iterable[Check], design: Design) -> Iterator[Check]:
         yield row
 
 
-def add_remedies(rows: Callable[[Design], Iterable[Check]], design: Design) -> Iterator[Check]:
+def add_remedies(
+    rows: Callable[[Design], Iterable[Check]], design: Design, bases: Bases = PAPER_BASES
+) -> Iterator[Check]:
     """Add a remedy to each failed row of a check by arithmetic: key and direction to change.
 
-    A changed design without the row counts as unknown (NaN).
+    bases: designs that it was changed from, nearest first. A changed design without the row counts
+    as unknown (NaN).
     """
     margins: dict[Design, dict[str, float | None]] = {}
     for row in rows(design):
@@ -74,7 +81,7 @@ def add_remedies(rows: Callable[[Design], Iterable[Check]], design: Design) -> I
                 new_margin = margins[changed].get(id)
                 return math.nan if new_margin is None else new_margin
 
-            row = replace(row, remedy=advice(design, margin))
+            row = replace(row, remedy=advice(design, margin, bases))
         yield row
 
 
@@ -92,25 +99,28 @@ def format_point(point_mm: Iterable[float]) -> str:
     return "(" + ", ".join(f"{round(float(v), 2) + 0.0:.2f}" for v in point_mm) + ")"
 
 
-def advice(design: Design, margin: Margin) -> str:
+def advice(design: Design, margin: Margin, bases: Bases = PAPER_BASES) -> str:
     """Return e.g. `shell.wall_mm: 0.6 or more`, smallest change first; empty if none helps.
 
     A machine's changed number comes last, after what the design can do about it.
     """
     texts: dict[bool, list[str]] = {True: [], False: []}
-    keys = list(_keys(design, margin))
-    for key in keys:
-        if key.is_changed and (text := key.revert_text()):
-            texts[key.is_given].append(text)
-    if not texts[False]:
+    for base in bases:
+        keys = list(_keys(design, margin, base))
+        for key in keys:
+            if key.is_changed and (text := key.revert_text()):
+                texts[key.is_given].append(text)
+        if texts[False]:
+            break
+    else:
         changes = sorted(change for key in keys if (change := key.nearest_change()))
         texts[False] = [text for _, text in changes]
-    given = texts[True][:1]
+    given = [text for text in texts[True] if text][:1]
     return ", ".join([*texts[False][: MAX_NAMED_KEYS - len(given)], *given])
 
 
 def name_culprits(
-    rows: Iterable[Check], design: Design, passes: Callable[[Design, Check], bool]
+    rows: Iterable[Check], design: Design, passes: Callable[[Design, Check], bool], bases: Bases
 ) -> Iterator[Check]:
     """Add a remedy to each failed row on solids: the changed key at whose default it passes.
 
@@ -123,8 +133,10 @@ def name_culprits(
             def margin(changed: Design, row: Check = row) -> float:
                 return 0.0 if passes(changed, row) else -1.0
 
-            keys = [key for key in _keys(design, margin) if key.is_changed]
-            keys.sort(key=lambda key: (key.name not in names, key.is_given))
+            keys = []
+            for base in bases:
+                changed = [key for key in _keys(design, margin, base) if key.is_changed]
+                keys += sorted(changed, key=lambda key: (key.name not in names, key.is_given))
             if culprit := next((key for key in keys if key.default_passes), None):
                 names.append(culprit.name)
                 row = replace(row, remedy=culprit.default_text)
@@ -136,25 +148,26 @@ def fails(rows: Iterable[Check], row: Check) -> bool:
     return any(r.failed and (r.name, r.subject) == (row.name, row.subject) for r in rows)
 
 
-def _keys(design: Design, margin: Margin) -> Iterator[_Key]:
+def _keys(design: Design, margin: Margin, base: Design) -> Iterator[_Key]:
     """Yield the keys that may be changed: neither measured nor free text."""
     for section in fields(design):
         record = getattr(design, section.name)
         for f in fields(record):
             if f.type not in FREE_TEXT and f.name not in getattr(record, "measured", ()):
-                yield _Key(design, margin, section.name, f)
+                default = getattr(getattr(base, section.name), f.name)
+                yield _Key(design, margin, section.name, f, default)
 
 
 class _Key:
     """One key of a design, and the margin as a function of it alone."""
 
-    def __init__(self, design: Design, margin: Margin, section: str, f: Any) -> None:
+    def __init__(self, design: Design, margin: Margin, section: str, f: Any, default: Any) -> None:
         self._design, self._margin, self._section, self._field = design, margin, section, f
         self._value: Any = getattr(getattr(design, section), f.name)
         self._is_number = isinstance(self._value, int | float) and not isinstance(self._value, bool)
-        self.name, self.default = f"{section}.{f.name}", f.default
+        self.name, self.default = f"{section}.{f.name}", default
         self.is_given = section in FIXED_SECTIONS
-        self.is_changed = self._value != f.default
+        self.is_changed = self._value != default
 
     @property
     def default_passes(self) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from deltact_fab.common import Check, MissingLibrary, Progress, RunFailed
 
+from ..design import reference_designs
 from ..dimensions import Design
 from ..part import Part
 from . import SOLID_CHECKS, check_arithmetic, check_design, check_solids, not_run
@@ -92,16 +93,21 @@ def judge_design(
 ) -> DesignVerdict:
     """Return the verdict of every check of a design.
 
-    parts: only the rules and the solids of these parts; None: all. progress, cached: as in
-    `check_design`. Without the CAD kernel the checks on solids are a row that was not run.
+    name: of its file, by which a remedy knows what was changed. parts: only the rules and the
+    solids of these parts; None: all. progress, cached: as in `check_design`. Without the CAD kernel
+    the checks on solids are a row that was not run.
     """
+    bases = reference_designs(name, design)
     try:
         if parts is None:
-            return DesignVerdict(name, tuple(check_design(design, progress, cached=cached)))
+            rows = check_design(design, progress, cached=cached, bases=bases)
+            return DesignVerdict(name, tuple(rows))
         facts = Facts() if cached else None
-        solids = check_solids(BuiltDesign(design, tuple(parts), facts=facts), checks=PART_CHECKS)
+        solids = check_solids(
+            BuiltDesign(design, tuple(parts), facts=facts, bases=bases), checks=PART_CHECKS
+        )
         if facts is not None:
             facts.save()
     except MissingLibrary as error:
         solids = [not_run(len(SOLID_CHECKS), str(error))]
-    return DesignVerdict(name, (*check_arithmetic(design), *solids), whole=parts is None)
+    return DesignVerdict(name, (*check_arithmetic(design, bases), *solids), whole=parts is None)
