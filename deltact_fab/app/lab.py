@@ -38,7 +38,7 @@ from .schema import (
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HostDevice
-    from deltact_fab.fabricate import Wish
+    from deltact_fab.fabricate import Solution
 
 SHIPPED_FOLDERS = ("cad", "patterns", "protocols")
 SCHEMA_FOLDER = "schemas"
@@ -153,29 +153,26 @@ def protocol(
 
 
 def design(
-    name: str, base: str = "deltact", out: Path | None = None, wish: Wish | None = None
+    name: str, base: str = "deltact", out: Path | None = None, solution: Solution | None = None
 ) -> Path:
-    """Write a design with its base and the changes of a wish, and return its file.
+    """Write a design with its base and the changes of a solution, and return its file.
 
-    Raises InputError as `catalog.write_new`, for an invalid name or base, and for a wish as
-    `fabricate.cad.intent.solve_wish`.
+    The head carries the verdict of a solution, with its failed checks. Raises InputError as
+    `catalog.write_new`, and for an invalid name or base.
     """
     from deltact_fab.fabricate import load_design
 
-    purpose = ""
-    inherited = asdict(load_design(base))
     settings: dict[str, Any] = {"base": base}
-    if wish is not None:
-        from deltact_fab.fabricate import solve_wish
-
-        solution = asdict(solve_wish(wish, load_design(base)))
-        for section, values in solution.items():
+    inherited, head = asdict(load_design(base)), []
+    if solution is not None:
+        for section, values in asdict(solution.design).items():
             changed = {k: v for k, v in values.items() if v != inherited[section][k]}
             settings |= {section: changed} if changed else {}
-        x, y = wish.face_mm
-        purpose = f"Solved for a face of {x:g} x {y:g} mm, {100 * wish.share:g} % of it visible. "
+        head = [solution.summary, *solution.changes]
+        head += [str(finding.value) for finding in solution.verdict.findings()][1:]
     about = (
-        f"{purpose}A design with the values of {base!r} for all keys not set here. Next:",
+        *(line for text in head for line in textwrap.wrap(text, 96, break_on_hyphens=False)),
+        f"A design with the values of {base!r} for all keys not set here. Next:",
         f"    deltact-fab cad check --design {name}",
         f"    deltact-fab cad export --design {name} --out parts",
         "Measure the values marked as assumed, then list them under `measured`.",
@@ -239,16 +236,20 @@ def rig_text(ports: Sequence[HostDevice] = (), cameras: Sequence[HostDevice] = (
     return commented_toml(FILE_KINDS["grbl-rig"], settings, ABOUT_RIG, texts=texts)
 
 
+def new_file(kind_name: str, name: str, out: Path | None) -> Path:
+    """Return the file to write of a kind. Raises InputError for a path instead of a name."""
+    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
+        raise InputError(f"{name!r}: must be a name such as mine; give a path with -o FILE.toml")
+    folder = Path(FILE_KINDS[kind_name].catalogue)
+    return out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+
+
 def _write(kind_name: str, name: str, out: Path | None, text: str) -> Path:
     """Write a file of a kind under a name, with the line of its schema if the folder has one.
 
     Raises InputError for a path instead of a name, and as `catalog.validate` and `write_new`.
     """
-    if not name or Path(name).name != name or name.endswith(".toml") or not name.isprintable():
-        raise InputError(f"{name!r}: must be a name such as mine; give a path with -o FILE.toml")
-    kind = FILE_KINDS[kind_name]
-    folder = Path(kind.catalogue)
-    file = out or (folder if folder.is_dir() else Path()) / f"{name}.toml"
+    kind, file = FILE_KINDS[kind_name], new_file(kind_name, name, out)
     data = tomllib.loads(text)
     data.pop("base", None)
     validate(kind.model(), data, name)

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from .cad.fabrication.bom import bom_lines
     from .cad.fabrication.readings import fit_design
     from .cad.feasibility import check_feasible
-    from .cad.intent import Wish, solve_wish
+    from .cad.intent import Wish
     from .cad.parts.light_holder import plate_bending_room
     from .cad.registry import find_part, list_parts, select_parts
+    from .cad.solution import Solution, solve_wish
     from .cad.stiffness import press_plate
     from .guide import write_guide
     from .patterns.code import read_code

@@ -62,37 +62,69 @@ def load_feasible(design: str, changes: tuple[str, ...]) -> Design:
     return loaded
 
 
-@cad.command(epilog="Example: deltact-fab cad new mine --base skin-44x40")
+@cad.command(epilog="Example: deltact-fab cad new tip --face 24x24 --gel 6")
 @click.argument("name")
 @click.option("--base", type=NAME_OR_PATH, default="deltact", metavar="DESIGN",
               help="Design to start from: a name of `cad list designs` or a path.")  # fmt: skip
 @click.option("--face", metavar="WxL", help="Solve for a face of this size in mm, such as 60x50.")
-@click.option("--share", type=float, default=0.55,
-              help="Smallest fraction of the face that the camera sees.")  # fmt: skip
+@click.option("--share", type=float, metavar="SHARE",
+              help="Smallest fraction of the face that the camera sees; default: 0.55, without "
+              "--face the base's.")  # fmt: skip
+@click.option("--gel", type=float, metavar="MM",
+              help="Thickness of the gel, 2 mm or more; default: that of the base.")  # fmt: skip
 @click.option("--camera", metavar="CAMERA",
               help="Camera from `cad list cameras`; default: that of the base.")  # fmt: skip
+@click.option("--mount", metavar="HOLES",
+              help="Flange with a pattern of holes: '30x30 M3', 'circle 50 6xM4', "
+              "'ISO 9409-1-50-4-M6'; default: the base's mount.")  # fmt: skip
+@click.option("--cable", metavar="SIDE", help="Side of the cable: -y, -x or +x.")
+@click.option("--nearest", is_flag=True,
+              help="If no design passes, write the nearest one that does.")  # fmt: skip
 @NEW_FILE
 @answers
 def new(
-    name: str, base: str, face: str | None, share: float, camera: str | None, out: Path | None
-) -> Answer:
+    name: str, base: str, face: str | None, share: float | None, gel: float | None,
+    camera: str | None, mount: str | None, cable: str | None, nearest: bool, out: Path | None,
+) -> Answer:  # fmt: skip
     """Write a new design with every dimension explained.
 
     Each dimension of the base is listed, commented out; uncomment those to change. With --face,
-    the dimensions that depend on it and on the camera are solved and set: housing, plate, gap,
-    view, light, screws, pegs, envelope, mold. An impossible request is refused, with the smallest
-    change that makes it possible.
+    --gel, --camera, --mount or --cable all that depends on them is solved and set: housing, plate,
+    gap, view, light, screws, pegs, envelope, mold. The result is checked like by `cad check`; its
+    verdict heads the file, exit code 1 if it fails. An impossible request is refused, with the
+    changes that make it possible.
     """
     from ..lab import design as write
+    from ..lab import new_file
 
-    wish = None
-    if face is not None:
-        from deltact_fab.fabricate import Wish
+    if (face, gel, camera, mount, cable) == (None,) * 5:
+        if share is not None or nearest:
+            raise InputError("--share and --nearest need --face, such as --face 60x50")
+        return file_note(write(name, base, out), f"cad check --design {name}")
+    from deltact_fab.fabricate import Wish, load_design, solve_wish
 
-        wish = Wish.parse(face, share, camera)
-    elif camera is not None:
-        raise InputError("--camera needs --face, such as --face 60x50")
-    return file_note(write(name, base, out, wish), f"cad check --design {name}")
+    start = load_design(base)
+    if share is None:
+        share = 0.55 if face else start.optics.least_view_share
+    face = face or f"{start.skin.width_mm:g}x{start.skin.length_mm:g}"
+    wish = Wish.parse(face, share, camera, gel, mount, cable)
+    if (file := new_file("design", name, out)).exists():
+        raise InputError(f"{file}: already exists; name a new file")
+    with progress("cad new") as tell:
+        solution = solve_wish(wish, start, name, tell, nearest)
+    note = file_note(write(name, base, out, solution), f"cad check --design {name}")
+    figures, verdict = [asdict(figure) for figure in solution.figures], solution.verdict
+    data = {
+        **note.data, "wish": asdict(solution.wish), "figures": figures,
+        "changes": solution.changes, "verdict": verdict.failure or verdict.text,
+        "failed": [row.as_dict() for row in verdict.failed],
+    }  # fmt: skip
+    lines = [
+        solution.summary, *solution.changes, "",
+        *columns_of(("name", "value", "base", "unit"), figures), "",
+        *check_lines(verdict.failed), *note.lines,
+    ]  # fmt: skip
+    return Answer(data, lines, verdict.failure)
 
 
 @cad.command("list", epilog="Example: deltact-fab cad list designs")

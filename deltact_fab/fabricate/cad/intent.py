@@ -1,34 +1,46 @@
-"""A design from its requirements: a face, the visible share of it, and a camera.
+"""A design from its requirements: a face, the visible share of it, a gel, a camera, a mount.
 
 All other dimensions follow, from equations or by repair: an inequality, fit or limit that fails
 changes the dimension that is its remedy (`CHECK_REMEDIES`), until nothing fails or no remedy is
-left. No solid is built: run `cad check` on the result for checks on solids.
+left. No solid is built: `solution` checks the result on solids.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from deltact_fab.common import Check, InputError, SolverError
 from deltact_fab.sensor import LayeredPath, ShapeError
 
 from . import feasibility
 from .check import arithmetic, visibility
-from .design import load_camera, load_cameras
+from .design import load_camera
 from .dimensions import Design
 from .parts.camera import off_axis_mm
 from .rule import statement
-from .standards import CAP_SCREWS, CHEESE_SCREWS, CHEESE_STOCK_MM, CapThread, CheeseThread
+from .standards import (
+    CABLE_SIDES,
+    CAP_SCREWS,
+    CHEESE_SCREWS,
+    CHEESE_STOCK_MM,
+    CableSide,
+    CapThread,
+    CheeseThread,
+    parse_holes,
+)
 
-GELS_MM = (12.0, 14.0, 16.0, 18.0, 20.0)  # by hand, from the paper's 12: thicker costs silicone
+GELS_MM = (14.0, 16.0, 18.0, 20.0)  # by hand, beyond the paper's 12: thicker costs silicone
+GEL_RANGE_MM = 2.0, 60.0  # by hand: a thinner gel measures nothing, a thicker one is no skin
+DEPTH_SHARE = 5 / 12  # by hand: the paper's design press of 5 mm into a gel of 12
+FILLET_SHARE = 1 / 3  # by hand: the paper's edge of 2 mm on 6 mm of protrusion
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: thicknesses of cast PMMA on sale
 GAPS_MM = tuple(k / 2 for k in range(6, 91))
 AXIAL_MM = tuple(k / 10 for k in range(10, 31))
 STRIPS_MM = 8.0, 5.0  # by hand: widths of LED strip on sale
+LEDGES_MM = tuple(k / 4 for k in range(9))  # by hand: a wider ledge leaves the posts
 FEWER_LEDS = tuple(range(500, 2, -1))
 THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
     ("M1.6", 45.0),
@@ -45,20 +57,28 @@ CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a thir
 class Wish:
     """Requirements of a design: a face (x, y), and the minimum share of it in the camera's view.
 
-    camera: a name from cad/cameras.toml; None: the base's.
+    camera: a name from cad/cameras.toml. gel_mm: thickness of the gel. holes: pattern of a flange.
+    cable_side: side of the cable's notch. None: the base's.
     """
 
     face_mm: tuple[float, float]
     share: float = DEFAULT_SHARE
     camera: str | None = None
+    gel_mm: float | None = None
+    holes: str | None = None
+    cable_side: CableSide | None = None
 
     @classmethod
-    def parse(cls, face: str, share: float = DEFAULT_SHARE, camera: str | None = None) -> Wish:
-        """Parse requirements as typed. Raises InputError for an invalid face, share or camera."""
+    def parse(
+        cls, face: str, share: float = DEFAULT_SHARE, camera: str | None = None,
+        gel_mm: float | None = None, holes: str | None = None, cable_side: str | None = None,
+    ) -> Wish:  # fmt: skip
+        """Parse requirements as typed. Raises InputError for an invalid one."""
         try:
             width, length = (float(word) for word in face.lower().split("x"))
         except ValueError:
-            raise InputError(f"--face {face!r}: expected two sides in mm, as in 60x50") from None
+            text = "expected two sides in mm, as in 60x50 (no round faces)"
+            raise InputError(f"--face {face!r}: {text}") from None
         low, high = FACE_RANGE_MM
         if not (low <= width <= high and low <= length <= high):
             raise InputError(f"--face {face!r}: expected sides of {low:g} to {high:g} mm")
@@ -66,14 +86,24 @@ class Wish:
             raise InputError(f"--share {share:g}: expected 0.05 to 0.95 of the face")
         if camera is not None:
             load_camera(camera)
-        return cls((width, length), share, camera)
+        low, high = GEL_RANGE_MM
+        if gel_mm is not None and not low <= gel_mm <= high:
+            raise InputError(f"--gel {gel_mm:g}: expected {low:g} to {high:g} mm")
+        if holes is not None:
+            parse_holes(holes, "--mount")
+        if cable_side is not None and cable_side not in CABLE_SIDES:
+            raise InputError(f"--cable {cable_side!r}: expected one of {', '.join(CABLE_SIDES)}")
+        return cls((width, length), share, camera, gel_mm, holes, cast(Any, cable_side))
 
 
 @dataclass(frozen=True)
 class Choices:
-    """Dimensions that are not computed but changed by remedies."""
+    """Dimensions that are not computed but changed by remedies.
 
-    gel_mm: float = GELS_MM[0]
+    gel_mm: 0 for that of the wish or the base.
+    """
+
+    gel_mm: float = 0.0
     sheet_mm: float = SHEETS_MM[0]
     gap_mm: float = GAPS_MM[0]
     axial_mm: float = AXIAL_MM[0]
@@ -83,6 +113,7 @@ class Choices:
     rows: int = 2
     share: float = 1.0
     housing_mm: tuple[float, float] = (0.0, 0.0)
+    ledge_mm: float = LEDGES_MM[0]
 
 
 class Unsolved(Exception):
@@ -98,9 +129,15 @@ def find_design(wish: Wish, base: Design) -> Design:
 
     Raises Unsolved.
     """
-    if wish.camera is not None:
-        base = replace(base, camera=load_camera(wish.camera))
-    choices = Choices()
+    return search_choices(wish, base, Choices())[0]
+
+
+def search_choices(wish: Wish, base: Design, choices: Choices) -> tuple[Design, Choices]:
+    """Return the first design of a wish from these choices on, as `find_design`, and its choices.
+
+    Raises Unsolved.
+    """
+    base = _with_wish(wish, base)
     visited: set[Choices] = set()
     for _ in range(MAX_REPAIRS):
         visited.add(choices)
@@ -112,55 +149,15 @@ def find_design(wish: Wish, base: Design) -> Design:
         # Later checks cost more: they run only if no earlier failure has a remedy.
         for check in failed_checks(design, wish):
             first = first or check
-            remedied = _apply_remedy(choices, check.id, design, wish)
+            remedied = apply_remedy(choices, check.id, design, wish)
             if remedied is not None and remedied not in visited:
                 choices = remedied
                 break
         else:
             if first is None:
-                return design
+                return design, choices
             raise Unsolved(failure_text(first), first)
     raise Unsolved(f"no solution after {MAX_REPAIRS} repairs")
-
-
-def solve_wish(wish: Wish, base: Design) -> Design:
-    """Return the design that meets the requirements.
-
-    Raises InputError with the failed check and the smallest change of face or share that passes,
-    or else another camera that does, as command-line options.
-    """
-    try:
-        return find_design(wish, base)
-    except Unsolved as error:
-        # Neither face nor share changes the nearest focus.
-        too_near = error.check is not None and error.check.id == "focus.nearest"
-        changes = [] if too_near else list(_changes(wish))
-        changes += [(f"--camera {name}", replace(wish, camera=name)) for name in load_cameras()]
-        typed = next((typed for typed, changed in changes if _passes(changed, base)), "")
-        advice = f"smallest change that passes: {typed}" if typed else "no listed camera works"
-        x, y = wish.face_mm
-        raise InputError(f"a face of {x:g} x {y:g} mm: {error}; {advice}") from error
-
-
-def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
-    """Yield wishes with another face or share and the option to type, smallest change first.
-
-    Scales both sides of the face, or the longer one alone: the light around the view is round.
-    """
-    for k in range(1, 18):
-        for scale in (1 - k / 25, 1 + k / 25):
-            for scaled in (wish.face_mm, (max(wish.face_mm),)):
-                x, y = (float(round(scale * s)) if s in scaled else s for s in wish.face_mm)
-                yield f"--face {x:g}x{y:g}", replace(wish, face_mm=(x, y))
-        share = round((1 - k / 25) * wish.share, 2)
-        yield f"--share {share:g}", replace(wish, share=share)
-
-
-def _passes(wish: Wish, base: Design) -> bool:
-    with suppress(Unsolved):
-        find_design(wish, base)
-        return True
-    return False
 
 
 def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:
@@ -194,23 +191,44 @@ def failure_text(check: Check) -> str:
     return f"{check.name}: {check.value}" + (f"; {check.limit}" if check.limit else "")
 
 
+def _with_wish(wish: Wish, base: Design) -> Design:
+    """Return the base with the camera, mount and cable of a wish."""
+    if wish.camera is not None:
+        base = replace(base, camera=load_camera(wish.camera))
+    if wish.holes is not None:
+        base = replace(base, mount=replace(base.mount, kind="flange", holes=wish.holes))
+    if wish.cable_side is not None:
+        base = replace(base, shell=replace(base.shell, cable_side=wish.cable_side))
+    return base
+
+
+def _skin(wish: Wish, choices: Choices, base: Design) -> tuple[Any, float]:
+    """Return the skin of a wish, and the depth of its design press; the base's if its gel is."""
+    width, length = wish.face_mm
+    skin, depth_mm = replace(base.skin, width_mm=width, length_mm=length), base.plate.depth_mm
+    gel_mm = choices.gel_mm or wish.gel_mm or skin.thickness_mm
+    if gel_mm == skin.thickness_mm:
+        return skin, depth_mm
+    fillet_mm = min(skin.edge_fillet_mm, round(FILLET_SHARE * gel_mm / 2, 2))
+    skin = replace(
+        skin, thickness_mm=gel_mm, protrusion_mm=gel_mm / 2, edge_fillet_mm=fillet_mm
+    )  # fmt: skip
+    return skin, min(depth_mm, round(DEPTH_SHARE * gel_mm, 2))
+
+
 def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
     """Build the design of a wish and choices. Raises ShapeError at the bounds of a dimension."""
-    width, length = wish.face_mm
     longer = max(wish.face_mm)
     thread: CapThread = next((name for name, side in THREAD_LIMITS_MM if longer <= side), "M3")
+    skin, depth_mm = _skin(wish, choices, base)
+    # A thin frame takes no more than the least engagement.
+    room_mm = skin.thickness_mm - skin.protrusion_mm + choices.sheet_mm
+    room_mm -= base.shell.wall_mm + base.screw.tip_clearance_mm
+    least_grip_mm = 2 * CAP_SCREWS[thread].thread_mm
+    grip_mm = round(max(least_grip_mm, min(4.6, room_mm)), 2)
     design = replace(
-        base,
-        skin=replace(
-            base.skin,
-            width_mm=width, length_mm=length,
-            thickness_mm=choices.gel_mm, protrusion_mm=choices.gel_mm / 2,
-        ),
-        screw=replace(
-            base.screw,
-            thread=thread, engagement_mm=max(4.6, 2 * CAP_SCREWS[thread].thread_mm),
-        ),
-    )  # fmt: skip
+        base, skin=skin, screw=replace(base.screw, thread=thread, engagement_mm=grip_mm)
+    )
     # The housing encloses the skin, and the board between the posts.
     least_mm = 1.5 if thread == "M1.6" else 2.0
     walls = [
@@ -232,13 +250,19 @@ def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
             air_gap_mm=choices.gap_mm,
             least_view_share=wish.share,
         ),
-        shell=replace(design.shell, ledge_drop_mm=drop, ledge_height_mm=drop + 1.5),
+        shell=replace(
+            design.shell, ledge_drop_mm=drop, ledge_height_mm=drop + 1.5,
+            ledge_mm=design.shell.ledge_mm + choices.ledge_mm,
+            ledge_x_mm=design.shell.ledge_x_mm + choices.ledge_mm * (design.shell.ledge_x_mm > 0),
+        ),
         light=replace(
             design.light,
             led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
         ),
         # A press spreads no wider than the face.
-        plate=replace(design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm)),
+        plate=replace(
+            design.plate, spread_mm=min(design.plate.spread_mm, *wish.face_mm), depth_mm=depth_mm
+        ),
         mold=replace(design.mold, columns=choices.columns, rows=choices.rows),
     )  # fmt: skip
     design = replace(design, optics=_largest_view(design, choices.share))
@@ -326,7 +350,7 @@ def _largest_view(design: Design, share: float) -> Any:
     return replace(optics, mm_per_px=mm_per_px, image_width_px=size[0], image_height_px=size[1])
 
 
-def _apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
+def apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
     """Apply the first possible remedy of a failed check; None if none is left."""
     changed = (remedy(choices, design, wish) for remedy in CHECK_REMEDIES.get(id, ()))
     return next((choices for choices in changed if choices is not None), None)
@@ -344,6 +368,13 @@ def _next_value(name: str, values: Sequence[float]) -> Remedy:
         return replace(choices, **changed) if remaining else None
 
     return next_choices
+
+
+def _thicker_gel(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """Take the next thickness of gel, unless the wish names one."""
+    thicker = (mm for mm in GELS_MM if mm > design.skin.thickness_mm)
+    gel_mm = next(thicker, None) if wish.gel_mm is None else None
+    return None if gel_mm is None else replace(choices, gel_mm=gel_mm)
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -367,8 +398,9 @@ def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | Non
 
 
 def _wider_ring(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    x, y = design.ledge_half_mm  # the narrower one holds the ring
-    return _housing(0 if x <= y else 1)(choices, design, wish)
+    """Widen the housing by 1 mm where it holds the ring, with the base's ledges."""
+    x, y = design.ledge_half_mm
+    return _housing(0 if x <= y else 1)(replace(choices, ledge_mm=0.0), design, wish)
 
 
 def _housing(axis: int) -> Remedy:
@@ -386,12 +418,15 @@ CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
         ("view-share focus.nearest focus.corner focus.pressed", (_next_value("gap_mm", GAPS_MM),)),
         ("light-cone", (_less_view, _wider_ring)),
         ("plate-clear-of-light light-holder.below-acrylic", (_next_value("axial_mm", AXIAL_MM),)),
-        ("plate-deflection plate-stress", (_next_value("sheet_mm", SHEETS_MM),)),
-        ("even-light", (_more_leds, _less_view, _next_value("gel_mm", GELS_MM))),
+        ("plate-deflection plate-stress skin-frame.pilot", (_next_value("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _thicker_gel)),
         ("light-holder.led-count", (_next_value("leds", FEWER_LEDS),)),
         ("light-holder.strip led-strip.led-on-strip",
          (_next_value("strip_mm", STRIPS_MM), _next_value("gap_mm", GAPS_MM))),
         ("fits-printer.mold", (_smaller_mold,)),
+        ("light-holder.screw-outside light-holder.screw-bore light-holder.peg-outside "
+         "light-holder.peg-bore wall-thickness.light-holder",
+         (_next_value("ledge_mm", LEDGES_MM), _wider_ring)),
         ("light-holder.lens-in-bore light-holder.led-in-channel", (_wider_ring,)),
         ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
          "camera.board-beside-posts skin-frame.posts-x skin-frame.posts-y shell.cable-room",

@@ -6,21 +6,28 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from deltact_fab.common import Point2
-from deltact_fab.sensor import Bounded, bounded_number
+from deltact_fab.common import InputError, Point2
+from deltact_fab.sensor import Bounded, ShapeError, bounded_number
 
 from .standards import (
     CAP_SCREWS,
     CHEESE_SCREWS,
+    FLANGE_SCREWS_MM,
     METRIC_THREADS,
+    CableSide,
     CapScrew,
     CapThread,
     CheeseScrew,
     CheeseThread,
+    HolePattern,
     MetricThread,
     Thread,
     next_e24,
+    parse_holes,
 )
+
+FLANGE_EDGE_MM = 2.0  # by hand, from washer to edge: less chips when the screw is tightened
+HEAD_PLAY_MM = 1.0  # by hand, washer to the shell's wall: less takes no key
 
 
 def assumed_length(default: float, meaning: str, low: float, high: float) -> Any:
@@ -296,11 +303,16 @@ class MountDimensions(Bounded):
     """The end-effector mount on the shell's +y side (paper: 20 mm long).
 
     kind: `block`, a bar with two through holes along z; `franka`, a bar with a flange for a finger
-    of the Franka hand (hole pattern unverified); `plate`, a blank plate to be drilled.
+    of the Franka hand (hole pattern unverified); `plate`, a blank plate to be drilled; `flange`, a
+    plate with the pattern `holes`, its back in the plane of the sensor's back.
     """
 
-    kind: Literal["block", "franka", "plate"] = field(
-        default="block", metadata={"description": "type of mount: block, franka or plate"}
+    kind: Literal["block", "franka", "plate", "flange"] = field(
+        default="block", metadata={"description": "type of mount: block, franka, plate or flange"}
+    )
+    holes: str = field(
+        default="30x30 M3",
+        metadata={"description": "flange: `30x30 M3`, `circle 50 6xM4` or `ISO 9409-1-50-4-M6`"},
     )
     length_mm: float = bounded_number(20.0, "mount along y, including a flange", 2, 100)
     width_mm: float = bounded_number(20.0, "mount along x", 4, 200)
@@ -321,10 +333,38 @@ class MountDimensions(Bounded):
 
     measured: tuple[str, ...] = measured_keys("keys measured on the lab's own finger")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            parse_holes(self.holes, "holes")
+        except InputError as error:
+            raise ShapeError(str(error)) from error
+
+    @property
+    def pattern(self) -> HolePattern:
+        """Holes of a flange."""
+        return parse_holes(self.holes)
+
     @property
     def thread(self) -> MetricThread:
         """The screws' row in the table of standards."""
-        return METRIC_THREADS[self.screw]
+        return METRIC_THREADS[self.pattern.thread if self.kind == "flange" else self.screw]
+
+    @property
+    def pattern_size_mm(self) -> Point2:
+        """Least width and length of a flange: holes, half a washer and EDGE_MM beside them.
+
+        Towards the shell the washers keep HEAD_PLAY_MM from its wall.
+        """
+        (x, y), washer = self.pattern.half_mm, self.thread.washer_mm
+        edge = washer / 2 + FLANGE_EDGE_MM
+        return 2 * (x + edge), HEAD_PLAY_MM + washer / 2 + 2 * y + edge
+
+    @property
+    def flange_screw_mm(self) -> float:
+        """Shortest screw on sale through flange and washer with 1 d of grip: 12 for M3."""
+        least_mm = self.height_mm + self.thread.washer_height_mm + self.thread.thread_mm
+        return next((mm for mm in FLANGE_SCREWS_MM if mm >= least_mm - 1e-9), math.nan)
 
     @property
     def hole_mm(self) -> float:
@@ -373,6 +413,9 @@ class ShellDimensions(Bounded):
     ledge_height_mm: float = bounded_number(2.0, "height of the ledges", 0.5, 20)
     ledge_drop_mm: float = bounded_number(
         0.5, "ledges behind the joint, for a thick plate; filled by adhesive", 0.0, 5
+    )
+    cable_side: CableSide = field(
+        default="-y", metadata={"description": "side of the cable's notch: -y, -x or +x"}
     )
     cable_width_mm: float = bounded_number(17.0, "width of the notch for the flat cable", 1, 60)
     cable_height_mm: float = bounded_number(2.0, "height of the cable notch", 0.5, 20)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
+
+from deltact_fab.common import InputError, Point2
 
 CapThread = Literal["M1.6", "M2", "M2.5", "M3"]
 CheeseThread = Literal["none", "M1.6", "M2", "M2.5", "M3"]
 Thread = Literal["M2", "M2.5", "M3", "M4", "M5", "M6"]
+CableSide = Literal["-y", "-x", "+x"]
+CABLE_SIDES: tuple[CableSide, ...] = ("-y", "-x", "+x")
 
 
 @dataclass(frozen=True)
@@ -71,22 +76,24 @@ class MetricThread:
     """A metric thread for mounting the sensor, with its holes and washer.
 
     thread_mm: nominal diameter. clearance_mm: through hole (ISO 273, medium). pitch_mm: coarse (ISO
-    261). washer_mm: plain washer (ISO 7089), a little more than a head or a nut across its corners.
+    261). washer_mm, washer_height_mm: plain washer (ISO 7089), a little more than a head or a nut
+    across its corners.
     """
 
     thread_mm: float
     clearance_mm: float
     pitch_mm: float
     washer_mm: float
+    washer_height_mm: float
 
 
 METRIC_THREADS: dict[Thread, MetricThread] = {
-    "M2": MetricThread(2.0, 2.4, 0.4, 5.0),
-    "M2.5": MetricThread(2.5, 2.9, 0.45, 6.0),
-    "M3": MetricThread(3.0, 3.4, 0.5, 7.0),
-    "M4": MetricThread(4.0, 4.5, 0.7, 9.0),
-    "M5": MetricThread(5.0, 5.5, 0.8, 10.0),
-    "M6": MetricThread(6.0, 6.6, 1.0, 12.0),
+    "M2": MetricThread(2.0, 2.4, 0.4, 5.0, 0.3),
+    "M2.5": MetricThread(2.5, 2.9, 0.45, 6.0, 0.5),
+    "M3": MetricThread(3.0, 3.4, 0.5, 7.0, 0.5),
+    "M4": MetricThread(4.0, 4.5, 0.7, 9.0, 0.8),
+    "M5": MetricThread(5.0, 5.5, 0.8, 10.0, 1.0),
+    "M6": MetricThread(6.0, 6.6, 1.0, 12.0, 1.6),
 }
 M16_PITCH_MM = 0.35  # ISO 261, coarse
 
@@ -95,6 +102,61 @@ def thread_text(thread: str) -> str:
     """Designation of a coarse thread (ISO 261), such as `M4 × 0.7`."""
     pitch_mm = M16_PITCH_MM if thread == "M1.6" else METRIC_THREADS[thread].pitch_mm  # type: ignore[index]
     return f"{thread} × {pitch_mm:g}"
+
+FLANGE_SCREWS_MM = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0)
+"""Lengths of M2 to M6 on sale (ISO 4762)."""
+# By hand, ISO 9409-1: pitch circle, screws and locating pin by designation.
+ROBOT_FLANGES: dict[str, tuple[float, int, Thread, float]] = {"50-4-M6": (50.0, 4, "M6", 6.0)}
+HOLES_HINT = "expected 30x30 M3, circle 50 6xM4 or ISO 9409-1-50-4-M6, with M2 to M6"
+_NUMBER = r"(\d+(?:\.\d+)?)"
+
+
+@dataclass(frozen=True)
+class HolePattern:
+    """Clearance holes of a mounting flange, about its middle.
+
+    pin_mm: diameter of the hole for a locating pin on the pitch circle in +x, 0: none.
+    """
+
+    thread: Thread
+    centres_mm: tuple[Point2, ...]
+    pin_mm: float = 0.0
+
+    @property
+    def half_mm(self) -> Point2:
+        """Largest distance of a hole or the pin from the middle, in x and y."""
+        centres = [*self.centres_mm, *([self.pin_at_mm] if self.pin_mm else [])]
+        x, y = (max(abs(centre[i]) for centre in centres) for i in (0, 1))
+        return x, y
+
+    @property
+    def pin_at_mm(self) -> Point2:
+        """Centre of the pin."""
+        return math.hypot(*self.centres_mm[0]), 0.0
+
+
+def parse_holes(text: str, source: str = "mount.holes") -> HolePattern:
+    """Parse `30x30 M3`, `circle 50 6xM4` or `ISO 9409-1-50-4-M6`. Raises InputError.
+
+    A circle's holes lie half a step beside the x axis, where ISO 9409-1 has its pin.
+    """
+    words, pin_mm = " ".join(text.split()), 0.0
+    if words.upper().startswith("ISO 9409-1-"):
+        name = words.upper().removeprefix("ISO 9409-1-")
+        if name in ROBOT_FLANGES:
+            diameter_mm, count, thread, pin_mm = ROBOT_FLANGES[name]
+            words = f"circle {diameter_mm:g} {count}x{thread}"
+    if match := re.fullmatch(rf"{_NUMBER}x{_NUMBER} (M\S+)", words):
+        x, y = (float(side) / 2 for side in match.groups()[:2])
+        centres = tuple((sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1))
+    elif match := re.fullmatch(rf"circle {_NUMBER} (\d+)x(M\S+)", words):
+        radius, count = float(match[1]) / 2, int(match[2])
+        turns = ((k + 0.5) * 2 * math.pi / count for k in range(count))
+        centres = tuple((radius * math.cos(t), radius * math.sin(t)) for t in turns)
+    thread = next((name for name in METRIC_THREADS if match and match[3] == name), None)
+    if thread is None or not 2 <= len(centres) <= 12:
+        raise InputError(f"{source} {text!r}: {HOLES_HINT}")
+    return HolePattern(thread, centres, pin_mm)
 
 
 def screw_tolerance_mm(length_mm: float) -> float:

@@ -41,7 +41,6 @@ def view(design: Design) -> Iterator[Check]:
     view_x, view_y = optics.view_mm
     diagonal = math.hypot(view_x, view_y)
     crop_x, crop_y = camera.crop_half_mm
-    focal_mm = camera.focal_length_mm
     crop = f"at the {camera.crop_width_px} x {camera.crop_height_px} crop"
     grazing = "(reflectance 1/3)"
     # The image of a corner lies on the diagonal: the crop's nearer side limits it.
@@ -85,11 +84,12 @@ def view(design: Design) -> Iterator[Check]:
         limit = f">= {camera.nearest_mm:g} mm (camera.nearest_mm)"
         margin = focus_mm - camera.nearest_mm
         yield margin_check("focus.nearest", "focus, nearest", "camera", value, limit, margin)
-    scale = focal_mm**2 / camera.f_number * focus_mm / (focus_mm - focal_mm)
-    scale *= 1000 / (camera.pixel_um * camera.binning)
+    scale = blur_scale(design)
+    # A thin gel is pressed less.
+    press_mm = min(FOCUS_PRESS_MM, design.plate.depth_mm)
     for id, place, radius_mm, depth_mm, most_px in (
         ("focus.corner", "corner of the view", diagonal / 2, 0.0, CORNER_BLUR_PX),
-        ("focus.pressed", f"middle, {FOCUS_PRESS_MM:g} mm deep", 0.0, FOCUS_PRESS_MM, BLUR_PX),
+        ("focus.pressed", f"middle, {press_mm:g} mm deep", 0.0, press_mm, BLUR_PX),
     ):
         object_mm = _object_mm(design, radius_mm, depth_mm)
         blur_px = scale * abs(1 / object_mm - 1 / focus_mm)
@@ -104,6 +104,24 @@ def view(design: Design) -> Iterator[Check]:
 def raw_mm_per_px(design: Design) -> float:
     """Length on the middle of the face that one pixel of the raw image covers."""
     return _object_mm(design, 0.0, 0.0) / design.focal_px
+
+
+def blur_scale(design: Design) -> float:
+    """Return the blur in px per 1/mm between the inverse distances of object and focus.
+
+    Of a thin lens that is focused on the centre of the face.
+    """
+    camera, focus_mm = design.camera, _object_mm(design, 0.0, 0.0)
+    px_per_mm = 1000 / (camera.pixel_um * camera.binning)
+    share = focus_mm / (focus_mm - camera.focal_length_mm)
+    return camera.focal_length_mm**2 / camera.f_number * share * px_per_mm
+
+
+def sharp_depth_mm(design: Design) -> float:
+    """Return the depth of a press in the middle of the face that is imaged with BLUR_PX."""
+    focus_mm = _object_mm(design, 0.0, 0.0)
+    *_, (_, index) = LayeredPath(0.0, 0.0, 0.0).layers
+    return index * (focus_mm - 1 / (1 / focus_mm + BLUR_PX / blur_scale(design)))
 
 
 def _object_mm(design: Design, radius_mm: float, depth_mm: float) -> float:

@@ -33,7 +33,7 @@ from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
 from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import AMBER_RGBA, BOUGHT_PROCESS, WHITE_RGBA, Part, PrintPose
-from ..rule import Length, PlayFit, at_most, below
+from ..rule import RULE_SLACK, Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
 WIRE_SIZE = "0.08 mm²"
@@ -84,6 +84,21 @@ def rules(d: Design) -> Iterator[Check]:
     yield below("bore", "0", 0.0, "bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
     yield at_most("head", f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
+    # A relief opens to the outside or into the bore, or leaves a wall: no thread of floor.
+    least_mm = min(light.wall_mm, light.diffuser_mm, light.floor_mm)
+    for id, name, centres, relief_mm in (
+        ("screw", "a camera screw", d.camera_screw_centres_mm[:1], d.head_relief_mm),
+        ("peg", "a peg", d.peg_centres_mm[:1], d.peg_relief_mm),
+    ):
+        for centre in centres:
+            near_mm, far_mm = (math.hypot(*centre) + side * relief_mm for side in (-1, 1))
+            radius_mm, bore_mm = d.light_radius_mm, d.light_bore_mm
+            for place, gap_mm in (("outside", radius_mm - far_mm), ("bore", near_mm - bore_mm)):
+                closed = gap_mm > RULE_SLACK and near_mm < radius_mm
+                floor = f"floor between the relief of {name} and the {place}"
+                need = "least of wall_mm, diffuser_mm, floor_mm; 0 if open"
+                room_mm = gap_mm if closed else 0.0
+                yield at_most(f"{id}-{place}", need, least_mm * closed, floor, room_mm, UPPER_HOLES)
 
 
 def led_room_mm(d: Design) -> float:
