@@ -35,6 +35,7 @@ from .bench_sections import (
 )
 from .drafting.dimensioning import TitleBlock
 from .sensor_sections import (
+    HEAD_PLAY_MM,
     CameraDimensions,
     CoverDimensions,
     HolderDimensions,
@@ -248,6 +249,17 @@ class Design(SensorDimensions):
         """Back and front of the arm of a flanged mount, in the flange's middle: (-21.5, -15.5)."""
         middle = self.z_back_mm + self.mount.flange_height_mm / 2
         return middle - self.mount.arm_mm / 2, middle + self.mount.arm_mm / 2
+
+    @property
+    def flange_top_mm(self) -> float:
+        """Front of a flange with a pattern of holes = back + mount.height."""
+        return self.z_back_mm + self.mount.height_mm
+
+    @property
+    def flange_middle_mm(self) -> float:
+        """y of a pattern's middle: its washers keep HEAD_PLAY_MM from the shell's wall."""
+        near_mm = HEAD_PLAY_MM + self.mount.thread.washer_mm / 2
+        return self.frame_outer_mm[1] / 2 + near_mm + self.mount.pattern.half_mm[1]
 
     # Light holder.
 

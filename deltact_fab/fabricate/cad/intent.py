@@ -21,6 +21,7 @@ from .design import load_camera
 from .dimensions import Design
 from .parts.camera import off_axis_mm
 from .rule import statement
+from .stiffness import bend, plate_of
 from .standards import (
     CABLE_SIDES,
     CAP_SCREWS,
@@ -38,7 +39,7 @@ DEPTH_SHARE = 5 / 12  # by hand: the paper's design press of 5 mm into a gel of 
 FILLET_SHARE = 1 / 3  # by hand: the paper's edge of 2 mm on 6 mm of protrusion
 SHEETS_MM = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # by hand: thicknesses of cast PMMA on sale
 GAPS_MM = tuple(k / 2 for k in range(6, 91))
-AXIAL_MM = tuple(k / 10 for k in range(10, 31))
+AXIAL_MM = tuple(k / 10 for k in range(10, 51))
 STRIPS_MM = 8.0, 5.0  # by hand: widths of LED strip on sale
 LEDGES_MM = tuple(k / 4 for k in range(9))  # by hand: a wider ledge leaves the posts
 FEWER_LEDS = tuple(range(500, 2, -1))
@@ -50,6 +51,8 @@ THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
 DEFAULT_SHARE = 0.55  # by hand, visible share of the face: a larger one makes the sensor thicker
 FACE_RANGE_MM = 10.0, 200.0  # by hand: wider accepts typing errors, narrower refuses sensors
 MAX_REPAIRS = 400  # by hand: fewer give up on solvable designs, more take longer to refuse
+RING_OF_VIEW = 1.2  # by hand, LEDs' circle beyond the view's corner: a larger one dims the middle
+FLANGE_MM = 8.0  # by hand, least thickness of a flange: a thinner one bends
 CORNER_RAD = math.radians(79.0)  # by hand, below visibility.GRAZING_RAD: a third is reflected there
 
 
@@ -196,7 +199,14 @@ def _with_wish(wish: Wish, base: Design) -> Design:
     if wish.camera is not None:
         base = replace(base, camera=load_camera(wish.camera))
     if wish.holes is not None:
-        base = replace(base, mount=replace(base.mount, kind="flange", holes=wish.holes))
+        mount = replace(base.mount, kind="flange", holes=wish.holes)
+        # As thick as the shortest screw on sale lets it be.
+        grip_mm = mount.thread.washer_height_mm + mount.thread.thread_mm
+        mount = replace(mount, height_mm=FLANGE_MM)
+        height_mm = round(mount.flange_screw_mm - grip_mm, 2)
+        width_mm, length_mm = (math.ceil(2 * mm) / 2 for mm in mount.pattern_size_mm)
+        mount = replace(mount, height_mm=height_mm, width_mm=width_mm, length_mm=length_mm)
+        base = replace(base, mount=mount)
     if wish.cable_side is not None:
         base = replace(base, shell=replace(base.shell, cable_side=wish.cable_side))
     return base
@@ -390,6 +400,29 @@ def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     return replace(choices, share=round(choices.share - 0.02, 2))
 
 
+def _lower_light(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """Move the light away from the face: its LEDs overlap more."""
+    axial_mm = round(choices.axial_mm + 0.5, 1)
+    return replace(choices, axial_mm=axial_mm) if axial_mm <= AXIAL_MM[-1] else None
+
+
+def _ring_round_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """Widen a ring of LEDs that lies within the view: it takes more of them."""
+    inside = design.strip_radius_mm < RING_OF_VIEW * math.hypot(*design.optics.view_mm) / 2
+    return _wider_ring(choices, design, wish) if inside else None
+
+
+def _stiffer_plate(choices: Choices, design: Design, wish: Wish) -> Choices | None:
+    """Take wider ledges where the bead yields more than the plate, else a thicker sheet."""
+    soft, bare = plate_of(design), replace(plate_of(design), bead_mm=0.0)
+    yields = [bend(plate, design.plate.spread_mm).deflection_mm for plate in (soft, bare)]
+    remedies = [_next_value("sheet_mm", SHEETS_MM), _next_value("ledge_mm", LEDGES_MM)]
+    if yields[0] > 2 * yields[1]:
+        remedies.reverse()
+    changed = (remedy(choices, design, wish) for remedy in remedies)
+    return next((choices for choices in changed if choices is not None), None)
+
+
 def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:
     if choices.columns * choices.rows == 1:
         return None
@@ -418,8 +451,10 @@ CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
         ("view-share focus.nearest focus.corner focus.pressed", (_next_value("gap_mm", GAPS_MM),)),
         ("light-cone", (_less_view, _wider_ring)),
         ("plate-clear-of-light light-holder.below-acrylic", (_next_value("axial_mm", AXIAL_MM),)),
-        ("plate-deflection plate-stress skin-frame.pilot", (_next_value("sheet_mm", SHEETS_MM),)),
-        ("even-light", (_more_leds, _less_view, _thicker_gel)),
+        ("plate-deflection", (_stiffer_plate,)),
+        ("plate-stress skin-frame.pilot", (_next_value("sheet_mm", SHEETS_MM),)),
+        ("even-light", (_more_leds, _less_view, _lower_light, _ring_round_view, _thicker_gel,
+                        _next_value("sheet_mm", SHEETS_MM))),
         ("light-holder.led-count", (_next_value("leds", FEWER_LEDS),)),
         ("light-holder.strip led-strip.led-on-strip",
          (_next_value("strip_mm", STRIPS_MM), _next_value("gap_mm", GAPS_MM))),

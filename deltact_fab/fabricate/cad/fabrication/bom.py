@@ -186,10 +186,22 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         "resistor_mw": 1000 * light.resistor_most_w,
         "rating_a": next((a for a in ratings_a if a >= half_a), math.ceil(half_a)),
         "takes_ma": takes_ma,
+        **_flange_figures(d, sensors),
         "or_pin": "; or a 5 V pin of the Jetson" if pin else "",
         "wire": WIRE_SIZE,
         "colours": " and ".join(WIRE_COLOURS),
         "wire_mm": sensors * 2 * light.wire_mm,
         "computer": HOST_COMPUTER,
         "computers": math.ceil(sensors / 2),
+    }
+
+
+def _flange_figures(d: Design, sensors: int) -> dict[str, float]:
+    """Count screws and pins of flanges with a pattern of holes; grip in the robot."""
+    mount = d.mount
+    flanges = sensors * (mount.kind == "flange")
+    return {
+        "flange_screws": flanges * len(mount.pattern.centres_mm),
+        "flange_pins": flanges * (mount.pattern.pin_mm > 0),
+        "flange_grip_mm": mount.flange_screw_mm - mount.height_mm - mount.thread.washer_height_mm,
     }

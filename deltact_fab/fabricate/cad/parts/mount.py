@@ -16,19 +16,36 @@ counterbores above and below it, open to three sides. A cap screw goes in from t
 is turned with a key whose short leg fits into the gap. Holes (4.3, 12 apart) and counterbores (8)
 are those of a public adapter for the Panda hand; they are unverified: measure your finger.
 
+    flange, seen along -z       flange, seen along x
+
+    |        | shell             shell |   washers, heads
+    +--------+                         |     v     v
+  +-+--------+-+                       +---+----------+ top
+  |  o      o  |  width               +----+          |
+  |            |  x length       cover     |          |
+  |  o      o  |                      -----+----------+ z_back
+  +------------+
+
+The flange's back lies in the plane of the sensor's back, on the robot; its screws go in from the
+face's side, where a straight key reaches them beside the shell. Below the shell it keeps
+`cover.fit_mm` to the cover.
+
 A mount wider than the wall between the cover's bosses keeps a gap of `cover.fit_mm` to them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from itertools import combinations
 
 from deltact_fab.common import Check, Point
 
 from ..dimensions import Design
 from ..drafting.dimensioning import Span, y_of, z_of
-from ..kernel import Extent, Workplane, cuboid, require
+from ..kernel import Extent, Workplane, cuboid, cylinders, require
 from ..rule import Length, PlayFit, at_most
+from ..standards import FLANGE_SCREWS_MM
 
 FLANGE_KEYS = tuple(f"mount.flange_{key}_mm" for key in ("pitch", "height", "width", "hole"))
 
@@ -44,6 +61,10 @@ def bars(design: Design) -> list[Extent]:
         return [((-half, y, z), (half, end, z + mount.height_mm))]
     if mount.kind == "plate":
         return [((-outer_x / 2, y, z), (outer_x / 2, end, design.z_joint_mm))]
+    if mount.kind == "flange":
+        fit, top, root = design.cover.fit_mm, design.flange_top_mm, min(half, outer_x / 2)
+        plate = ((-half, y + fit, design.z_back_mm), (half, end, top))
+        return [((-root, y, z), (root, y + fit, top)), plate]
     back, front = design.flange_arm_z_mm
     root, back_mm = end - mount.flange_mm, design.z_back_mm
     half_width = mount.flange_width_mm / 2
@@ -65,6 +86,9 @@ def hole_axes(design: Design) -> list[tuple[Point, Point]]:
     if mount.kind == "franka":
         rows = (z - mount.flange_pitch_mm / 2, z + mount.flange_pitch_mm / 2)
         return [((x, y0, row), (x, y1, row)) for row in rows]
+    if mount.kind == "flange":
+        y = design.flange_middle_mm
+        return [((x, y + v, z0), (x, y + v, z1)) for x, v in mount.pattern.centres_mm]
     return []
 
 
@@ -87,6 +111,11 @@ def build(design: Design) -> Workplane:
         for radius_mm, long_mm in drills:
             base = cq.Vector(*start) - along
             body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, base, along)))
+    pattern = design.mount.pattern
+    if design.mount.kind == "flange" and pattern.pin_mm:
+        at = (pattern.pin_at_mm[0], design.flange_middle_mm)
+        low, deep = design.z_back_mm - 1, design.mount.height_mm + 2
+        body = body.cut(cylinders([at], pattern.pin_mm, low, deep))
     return body
 
 
@@ -105,6 +134,9 @@ def boss_room(design: Design) -> Workplane:
 def rules(d: Design) -> Iterator[Check]:
     """Rules of the mount on the shell, its holes, and space for heads and washers."""
     mount = d.mount
+    if mount.kind == "flange":
+        yield from _pattern_rules(d)
+        return
     depth = "depth of the shell", d.shell_depth_mm
     yield at_most("height", "mount.height_mm", mount.height_mm, *depth)
     yield at_most("mount-width", "mount.width_mm", mount.width_mm, "outer x", d.frame_outer_mm[0])
@@ -117,6 +149,38 @@ def rules(d: Design) -> Iterator[Check]:
         yield at_most("mount-washer-width", *washer, "mount.width_mm", mount.width_mm)
     if mount.kind == "franka":
         yield from _flange_rules(d)
+
+
+def _pattern_rules(d: Design) -> Iterator[Check]:
+    """Rules of a flange's size, the walls between its holes, its screws and its bending."""
+    mount, pattern = d.mount, d.mount.pattern
+    size, washer_mm = mount.pattern_size_mm, mount.thread.washer_mm
+    holes = [(at, mount.hole_mm, washer_mm) for at in pattern.centres_mm]
+    holes += [(pattern.pin_at_mm, pattern.pin_mm, pattern.pin_mm)] if pattern.pin_mm else []
+    pairs = [(math.dist(a, b), r, s, v, w) for (a, r, v), (b, s, w) in combinations(holes, 2)]
+    wall_mm = min(apart - (r + s) / 2 for apart, r, s, _, _ in pairs)
+    gap_mm = min(apart - (v + w) / 2 for apart, _, _, v, w in pairs)
+    root_mm, width_mm = d.flange_top_mm - d.z_floor_mm, min(mount.width_mm, d.frame_outer_mm[0])
+    # A cantilever from its screws, pressed in the middle of the face: 6 F l / (w h^2).
+    lever_mm = d.flange_middle_mm + pattern.half_mm[1]
+    stress_mpa = 6 * d.plate.force_n * lever_mm / (width_mm * root_mm**2) if root_mm > 0 else 1e9
+    heads_mm = d.flange_top_mm + mount.thread.washer_height_mm + mount.thread.thread_mm
+    for id, name, value, limit_name, room in (
+        ("width", "holes, washers and edges in x", size[0], "mount.width_mm", mount.width_mm),
+        ("length", "holes, washers and edges in y", size[1], "mount.length_mm", mount.length_mm),
+        ("walls", "shell.wall_mm", d.shell.wall_mm, "least wall between the holes", wall_mm),
+        ("washers", "0", 0.0, "least gap between the washers", gap_mm),
+        ("screw", "height_mm + washer + grip of 1 d",
+         mount.height_mm + mount.thread.washer_height_mm + mount.thread.thread_mm,
+         "longest screw on sale", FLANGE_SCREWS_MM[-1]),
+        ("root", "cover.floor_mm + 3", d.cover.floor_mm + 3.0, "mount.height_mm", mount.height_mm),
+        ("front", "front of the flange", d.flange_top_mm, "joint", d.z_joint_mm),
+        ("heads", "front of the heads", heads_mm, "front of the frame", d.z_front_mm),
+        ("stress", "stress at the root under plate.force_n, MPa", stress_mpa,
+         "stress_limit_mpa", mount.stress_limit_mpa),
+    ):  # fmt: skip
+        rests_on = ("mount.stress_limit_mpa",)
+        yield at_most(f"pattern-{id}", f"mount: {name}", value, limit_name, room, rests_on)
 
 
 def _flange_rules(d: Design) -> Iterator[Check]:
@@ -160,6 +224,12 @@ def _flange_rules(d: Design) -> Iterator[Check]:
 def fits(d: Design) -> Iterator[PlayFit]:
     """Fits of the flange's two screws into a finger, whose own pitch is assumed exact."""
     mount, printer = d.mount, d.resin_printer
+    if mount.kind == "flange":
+        # Each hole and its tapped hole, whose pitch is exact.
+        screw = Length(mount.thread.thread_mm)
+        hole = (printer.inner(mount.hole_mm),)
+        name = f"{mount.pattern.thread} through the flange"
+        yield PlayFit("screws-through-flange", name, "shell, robot", hole, (screw, printer.pitch()))
     if mount.kind != "franka":
         return
     pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))
@@ -174,6 +244,8 @@ def lengths(d: Design) -> list[Span]:
     mount, face = d.mount, d.frame_outer_mm[1] / 2
     end = face + mount.length_mm
     full_length = y_of(face, end, fitted=False)
+    if mount.kind == "flange":  # the scheme locates its holes
+        return [full_length, z_of(d.z_back_mm, d.flange_top_mm, fitted=False)]
     if mount.kind == "plate":  # as wide as the shell, whose face is gone
         return []
     if mount.kind == "block":
