@@ -219,10 +219,12 @@ def _skin(wish: Wish, choices: Choices, base: Design) -> tuple[Any, float]:
     gel_mm = choices.gel_mm or wish.gel_mm or skin.thickness_mm
     if gel_mm == skin.thickness_mm:
         return skin, depth_mm
-    fillet_mm = min(skin.edge_fillet_mm, round(FILLET_SHARE * gel_mm / 2, 2))
+    # The frame's front, beside the gel, is a wall.
+    protrusion_mm = min(gel_mm / 2, round(gel_mm - base.shell.wall_mm, 3))
+    fillet_mm = min(skin.edge_fillet_mm, round(FILLET_SHARE * protrusion_mm, 2))
     skin = replace(
-        skin, thickness_mm=gel_mm, protrusion_mm=gel_mm / 2, edge_fillet_mm=fillet_mm
-    )  # fmt: skip
+        skin, thickness_mm=gel_mm, protrusion_mm=protrusion_mm, edge_fillet_mm=fillet_mm
+    )
     return skin, min(depth_mm, round(DEPTH_SHARE * gel_mm, 2))
 
 
@@ -466,7 +468,7 @@ CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
         ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
          "camera.board-beside-posts skin-frame.posts-x skin-frame.posts-y shell.cable-room",
          (_housing(0),)),
-        ("camera.board-in-shell-y camera-holder.in-shell-y camera-holder.between-bosses-y",
+        ("shell.cable-turn camera.board-in-shell-y camera-holder.in-shell-y camera-holder.between-bosses-y",
          (_housing(1),)),
     )
     for id in ids.split()

@@ -84,8 +84,9 @@ def _notes(design: Design) -> Sequence[str]:
     strip = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "not counted"
     foam = f"closed by black foam, {shell.cable_foam_mm:g} mm" if shell.cable_foam_mm else "no foam"
     return (
-        f"At −y, wires through the light holder's slot of {light.slot_mm:g} mm, wires and cable "
-        f"through the cable notch of {shell.cable_width_mm:g} × {shell.cable_height_mm:g} mm; "
+        f"At −y, wires through the light holder's slot of {light.slot_mm:g} mm; wires and cable at "
+        f"{shell.cable_side.replace('-', '−')} through the cable notch of "
+        f"{shell.cable_width_mm:g} × {shell.cable_height_mm:g} mm; "
         f"{foam}.",
         f"All LEDs: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
         f"per chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",

@@ -11,7 +11,7 @@ Section below z_boss, seen along -z:     Section at x = 0:
     | |      cavity       | |             z_floor  (cable notch)         +-+-------+
     | |                   | |
     |   +---------------+   |
-    +---+  cable notch  +---+             -> y to the right
+    +---+  cable notch  +---+             -> y to the right (shell.cable_side -y)
 
 In each corner stands a post with a through hole on a screw's axis, from z_boss to the joint. Below
 z_boss the cover's boss replaces post and wall, with `cover.fit_mm` to the shell. The ledges
@@ -41,6 +41,7 @@ from ..kernel import (
 from ..part import BLACK_RGBA, Part, PrintPose
 from ..rule import Length, PlayFit, at_most, below
 from . import mount
+from .camera import BOARD_KEYS
 from .light_holder import WIRE_OUTER
 from .mount import boss_room
 
@@ -75,9 +76,25 @@ def body(design: Design) -> Workplane:
     body = body.cut(boss_room(design))
     clearance, deep = design.screw.row.clearance_mm, design.shell_depth_mm
     holes = cylinders(design.screw_centres_mm, clearance, floor - 1, deep + 2)
-    half = shell.cable_width_mm / 2
-    end = half, 1 - y, floor + shell.cable_height_mm
-    return body.cut(holes).cut(cuboid(((-half, -outer_y / 2 - 1, floor - 1), end)))
+    return body.cut(holes).cut(cuboid(cable_notch(design)))
+
+
+def cable_notch(design: Design) -> Extent:
+    """Cutter of the cable's notch, in the middle of the -y side or at the -y end of another.
+
+    In x the flat cable, which leaves the board towards -y, folds beside the camera holder: its
+    notch lies as far from the holder as a post and a wall let it.
+    """
+    shell, half, low = design.shell, design.shell.cable_width_mm / 2, design.z_floor_mm - 1
+    across, along = (0, 1) if shell.cable_side == "-y" else (1, 0)
+    outer_mm, inner_mm = design.frame_outer_mm[along] / 2 + 1, design.cavity_half_mm[along] - 1
+    margin_mm = design.post_edge_mm[1] - shell.wall_mm - design.cover.fit_mm
+    ends = {
+        across: (-half, half) if along else (-margin_mm, 2 * half - margin_mm),
+        along: (inner_mm, outer_mm) if shell.cable_side[0] == "+" else (-outer_mm, -inner_mm),
+    }
+    (x0, x1), (y0, y1) = ends[0], ends[1]
+    return (x0, y0, low), (x1, y1, low + 1 + shell.cable_height_mm)
 
 
 def rules(d: Design) -> Iterator[Check]:
@@ -88,9 +105,17 @@ def rules(d: Design) -> Iterator[Check]:
     yield at_most("notch-height", "cable_height_mm", shell.cable_height_mm, *room)
     ledge = "ledge_height_mm", shell.ledge_height_mm
     yield below("drop", "ledge_drop_mm", shell.ledge_drop_mm, *ledge)
-    width = shell.cable_width_mm + 2 * (d.cover.fit_mm + shell.wall_mm)
-    words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
-    yield at_most("cable-room", words, width, "room between the posts", 2 * d.post_edge_mm[0])
+    beside_mm = d.cover.fit_mm + shell.wall_mm
+    if shell.cable_side == "-y":
+        width = shell.cable_width_mm + 2 * beside_mm
+        words = "cable_width_mm + 2 (cover.fit_mm + wall_mm)"
+        yield at_most("cable-room", words, width, "room between the posts", 2 * d.post_edge_mm[0])
+    else:  # it folds beside board and holder
+        inside_mm = max(d.holder_arm_mm, -d.camera.board_bottom_mm) + d.holder.fit_mm
+        width = inside_mm + shell.cable_width_mm + beside_mm
+        words = "holder or board + fit_mm + cable_width_mm + cover.fit_mm + wall_mm"
+        room = f"posts in y (cable_side {shell.cable_side})", d.post_edge_mm[1]
+        yield at_most("cable-turn", words, width, *room, BOARD_KEYS)
     high = shell.cable_height_mm + shell.ledge_height_mm + shell.wall_mm
     words = "cable_height_mm + ledge_height_mm + wall_mm"
     yield at_most("notch-below-ledge", words, high, "depth of the shell", d.shell_depth_mm)
@@ -116,7 +141,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
     flat, thick = cam.cable_width_mm, cam.cable_height_mm
     keys = ("camera.cable_width_mm", "camera.cable_height_mm")
     cable = Length(flat, 0.1, keys[:1])
-    yield PlayFit("cable", "camera's cable in its notch, x", "shell, cable", (width,), (cable,))
+    across = "x" if shell.cable_side == "-y" else "y"
+    name = f"camera's cable in its notch, {across}"
+    yield PlayFit("cable", name, "shell, cable", (width,), (cable,))
     # The light holder's wires leave there too, over the cable.
     through = (Length(thick, 0.05, keys[1:]), WIRE_OUTER)
     name = "cable and wires in the notch, z"

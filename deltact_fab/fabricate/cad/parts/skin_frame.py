@@ -76,6 +76,9 @@ def rules(d: Design) -> Iterator[Check]:
         yield below(f"pocket-{axis}", f"half the acrylic's pocket in {axis}", seat[i], *frame)
     hole, pilot = "resin_printer.least_hole_mm", f"pilot of screw.thread {d.screw.thread}"
     yield at_most("least-hole", hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
+    front_mm = d.skin.thickness_mm - d.skin.protrusion_mm
+    front = "thickness_mm - protrusion_mm", front_mm
+    yield at_most("front", "shell.wall_mm, 0 without front", d.shell.wall_mm * (front_mm > 0), *front)
     # The face above a pilot seals in the mold and must not be too thin.
     depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
     room_mm = d.frame_height_mm - d.shell.wall_mm
