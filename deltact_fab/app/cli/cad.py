@@ -122,7 +122,7 @@ def new(
     lines = [
         solution.summary, *solution.changes, "",
         *columns_of(("name", "value", "base", "unit"), figures), "",
-        *check_lines(verdict.failed), *note.lines,
+        *(check_lines(verdict.failed) if verdict.failed else ()), *note.lines,
     ]  # fmt: skip
     return Answer(data, lines, verdict.failure)
 

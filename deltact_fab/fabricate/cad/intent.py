@@ -21,7 +21,6 @@ from .design import load_camera
 from .dimensions import Design
 from .parts.camera import off_axis_mm
 from .rule import statement
-from .stiffness import bend, plate_of
 from .standards import (
     CABLE_SIDES,
     CAP_SCREWS,
@@ -32,6 +31,7 @@ from .standards import (
     CheeseThread,
     parse_holes,
 )
+from .stiffness import bend, plate_of
 
 GELS_MM = (14.0, 16.0, 18.0, 20.0)  # by hand, beyond the paper's 12: thicker costs silicone
 GEL_RANGE_MM = 2.0, 60.0  # by hand: a thinner gel measures nothing, a thicker one is no skin
@@ -140,12 +140,11 @@ def search_choices(wish: Wish, base: Design, choices: Choices) -> tuple[Design, 
 
     Raises Unsolved.
     """
-    base = _with_wish(wish, base)
     visited: set[Choices] = set()
     for _ in range(MAX_REPAIRS):
         visited.add(choices)
         try:
-            design = _build_design(wish, choices, base)
+            design = build_design(wish, choices, base)
         except ShapeError as error:
             raise Unsolved(str(error)) from error
         first = None
@@ -222,15 +221,13 @@ def _skin(wish: Wish, choices: Choices, base: Design) -> tuple[Any, float]:
     # The frame's front, beside the gel, is a wall.
     protrusion_mm = min(gel_mm / 2, round(gel_mm - base.shell.wall_mm, 3))
     fillet_mm = min(skin.edge_fillet_mm, round(FILLET_SHARE * protrusion_mm, 2))
-    skin = replace(
-        skin, thickness_mm=gel_mm, protrusion_mm=protrusion_mm, edge_fillet_mm=fillet_mm
-    )
+    skin = replace(skin, thickness_mm=gel_mm, protrusion_mm=protrusion_mm, edge_fillet_mm=fillet_mm)
     return skin, min(depth_mm, round(DEPTH_SHARE * gel_mm, 2))
 
 
-def _build_design(wish: Wish, choices: Choices, base: Design) -> Design:
+def build_design(wish: Wish, choices: Choices, base: Design) -> Design:
     """Build the design of a wish and choices. Raises ShapeError at the bounds of a dimension."""
-    longer = max(wish.face_mm)
+    base, longer = _with_wish(wish, base), max(wish.face_mm)
     thread: CapThread = next((name for name, side in THREAD_LIMITS_MM if longer <= side), "M3")
     skin, depth_mm = _skin(wish, choices, base)
     # A thin frame takes no more than the least engagement.
@@ -468,8 +465,8 @@ CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
         ("camera.board-in-shell-x camera-holder.in-shell-x camera-holder.between-bosses-x "
          "camera.board-beside-posts skin-frame.posts-x skin-frame.posts-y shell.cable-room",
          (_housing(0),)),
-        ("shell.cable-turn camera.board-in-shell-y camera-holder.in-shell-y camera-holder.between-bosses-y",
-         (_housing(1),)),
+        ("shell.cable-turn camera.board-in-shell-y camera-holder.in-shell-y "
+         "camera-holder.between-bosses-y", (_housing(1),)),
     )
     for id in ids.split()
 }  # fmt: skip

@@ -24,6 +24,7 @@ from .stiffness import press_plate
 
 MAX_SOLID_REPAIRS = 4  # by hand: each costs a check of all solids
 MAX_NEAREST = 4  # by hand: wishes that are checked on solids before none is said to pass
+CHANGES_25TH = (1, 2, 3, 4, 6, 8, 11, 14, 17)  # by hand: more take longer
 PUNCH_MM = 5.0  # by hand, radius of the punch that compares two gels: a fingertip's
 
 
@@ -59,7 +60,9 @@ class Solution:
         skin, old = self.design.skin, self.base.skin
         if self.wish.gel_mm is not None or skin.thickness_mm == old.thickness_mm:
             return []
-        return [f"gel of {skin.thickness_mm:g} mm, the base's {old.thickness_mm:g} is not lit evenly"]
+        return [
+            f"gel: {skin.thickness_mm:g} mm; the base's {old.thickness_mm:g} mm is unevenly lit"
+        ]
 
     @property
     def figures(self) -> list[Figure]:
@@ -72,7 +75,8 @@ def _figures(design: Design) -> Iterator[tuple[str, float, str]]:
     skin, optics, plate = design.skin, design.optics, design.plate
     for axis, side in zip("xyz", design.outer_mm, strict=True):
         yield f"outer size, {axis}", side, "mm"
-    yield "share of the face in view", math.prod(optics.view_mm) / skin.width_mm / skin.length_mm, ""
+    share = math.prod(optics.view_mm) / (skin.width_mm * skin.length_mm)
+    yield "share of the face in view", share, ""
     yield "raw pixel on the face", design.eye_distance_mm / design.focal_px, "mm"
     yield "gel", skin.thickness_mm, "mm"
     yield "depth of a press, most", plate.depth_mm, "mm"
@@ -103,20 +107,21 @@ def _parallax_px(design: Design, depth_mm: float) -> float:
     depth_mm = min(depth_mm, design.skin.thickness_mm)
     path = LayeredPath(optics.air_gap_mm, optics.acrylic_mm, design.skin.thickness_mm)
     pressed = replace(path, gel_mm=path.gel_mm - depth_mm)
-    angles = (p.half_angle_rad(radius_mm) for p in (path, pressed))
+    start, end = (p.half_angle_rad(radius_mm) for p in (path, pressed))
     if design.camera.projection == "rectilinear":
-        angles = map(math.tan, angles)
-    start, end = angles
+        start, end = math.tan(start), math.tan(end)
     return design.focal_px * abs(end - start)
 
 
 def solve_wish(
-    wish: Wish, base: Design, name: str, progress: Progress | None = None, nearest: bool = False
-) -> Solution:
+    wish: Wish, base: Design, name: str, progress: Progress | None = None,
+    nearest: bool = False, advise: bool = True,
+) -> Solution:  # fmt: skip
     """Return the solution of a wish; check its verdict, it may fail.
 
     nearest: that of the nearest wish that passes instead. Raises InputError with the failed check
-    and the changes that pass by arithmetic: the smallest, and those that keep the face.
+    and, unless `advise` is False, the changes that pass by arithmetic: the smallest, and those that
+    keep the face.
     """
     fault, too_near = "", False
     try:
@@ -128,6 +133,10 @@ def solve_wish(
         fault = str(error)
         # Neither face nor share changes the nearest focus.
         too_near = error.check is not None and error.check.id == "focus.nearest"
+    x, y = wish.face_mm
+    fault = f"a face of {x:g} x {y:g} mm: {fault}"
+    if not advise:
+        raise InputError(fault)
     cameras = [(f"--camera {camera}", replace(wish, camera=camera)) for camera in load_cameras()]
     changes = cameras if too_near else [*_changes(wish), *cameras]
     solvable = (item for item in changes if _passes(item[1], base))
@@ -136,8 +145,6 @@ def solve_wish(
             solution = _solve(changed, base, name, progress)
             if not solution.verdict.failed:
                 return solution
-    x, y = wish.face_mm
-    fault = f"a face of {x:g} x {y:g} mm: {fault}"
     smallest = next(solvable, None)
     if smallest is None:
         raise InputError(f"{fault}; no change of it passes, nor does a listed camera")
@@ -172,7 +179,7 @@ def _changes(wish: Wish) -> Iterator[tuple[str, Wish]]:
 
     Scales both sides of the face, or the longer one alone: the light around the view is round.
     """
-    for k in range(1, 18):
+    for k in CHANGES_25TH:
         for scale in (1 - k / 25, 1 + k / 25):
             for scaled in (wish.face_mm, (max(wish.face_mm),)):
                 x, y = (float(round(scale * s)) if s in scaled else s for s in wish.face_mm)

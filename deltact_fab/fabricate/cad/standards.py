@@ -153,10 +153,10 @@ def parse_holes(text: str, source: str = "mount.holes") -> HolePattern:
         radius, count = float(match[1]) / 2, int(match[2])
         turns = ((k + 0.5) * 2 * math.pi / count for k in range(count))
         centres = tuple((radius * math.cos(t), radius * math.sin(t)) for t in turns)
-    thread = next((name for name in METRIC_THREADS if match and match[3] == name), None)
-    if thread is None or not 2 <= len(centres) <= 12:
-        raise InputError(f"{source} {text!r}: {HOLES_HINT}")
-    return HolePattern(thread, centres, pin_mm)
+    for thread in METRIC_THREADS:
+        if match and match[3] == thread and 2 <= len(centres) <= 12:
+            return HolePattern(thread, centres, pin_mm)
+    raise InputError(f"{source} {text!r}: {HOLES_HINT}")
 
 
 def screw_tolerance_mm(length_mm: float) -> float:

@@ -64,9 +64,9 @@ class FrameDimensions(Bounded):
 
     wall_x_mm: float = bounded_number(1.5, "wall next to the skin in x; (39 - 36) / 2", 0.5, 50)
     wall_y_mm: float = bounded_number(3.0, "wall next to the skin in y; (40 - 34) / 2", 0.5, 50)
-    seat_y_mm: float = bounded_number(1.5, "ledge in y that the acrylic rests on", 0.2, 20)
+    seat_y_mm: float = bounded_number(1.5, "ledge in y that the acrylic rests on", 0.2, 50)
     seat_x_mm: float = bounded_number(
-        0.0, "excess width of the acrylic's pocket over the skin", 0, 20
+        0.0, "excess width of the acrylic's pocket over the skin", 0, 50
     )
 
 

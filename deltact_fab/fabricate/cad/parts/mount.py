@@ -226,10 +226,9 @@ def fits(d: Design) -> Iterator[PlayFit]:
     mount, printer = d.mount, d.resin_printer
     if mount.kind == "flange":
         # Each hole and its tapped hole, whose pitch is exact.
-        screw = Length(mount.thread.thread_mm)
-        hole = (printer.inner(mount.hole_mm),)
-        name = f"{mount.pattern.thread} through the flange"
-        yield PlayFit("screws-through-flange", name, "shell, robot", hole, (screw, printer.pitch()))
+        shank = Length(mount.thread.thread_mm), printer.pitch()
+        holes, name = (printer.inner(mount.hole_mm),), f"{mount.pattern.thread} through the flange"
+        yield PlayFit("screws-through-flange", name, "shell, robot", holes, shank)
     if mount.kind != "franka":
         return
     pitch = Length(0.0, printer.height_mm, ("mount.flange_pitch_mm",))

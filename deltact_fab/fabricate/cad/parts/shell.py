@@ -201,8 +201,8 @@ PARTS = (
         derived=(
             "frame_outer_mm", "cavity_half_mm", "ledge_half_mm", "ledge_reach_mm", "post_mm",
             "post_edge_mm", "boss_room_mm", "screw_at_mm", "screw_centres_mm",
-            "shell_depth_mm", "flange_arm_z_mm", "flange_top_mm", "flange_middle_mm", "z_joint_mm", "z_boss_mm", "z_floor_mm",
-            "z_back_mm",
+            "shell_depth_mm", "flange_arm_z_mm", "flange_top_mm", "flange_middle_mm", "z_joint_mm",
+            "z_boss_mm", "z_floor_mm", "z_back_mm",
         ),
         rules=rules,
         fits=fits,

@@ -77,8 +77,8 @@ def rules(d: Design) -> Iterator[Check]:
     hole, pilot = "resin_printer.least_hole_mm", f"pilot of screw.thread {d.screw.thread}"
     yield at_most("least-hole", hole, d.resin_printer.least_hole_mm, pilot, d.screw.row.pilot_mm)
     front_mm = d.skin.thickness_mm - d.skin.protrusion_mm
-    front = "thickness_mm - protrusion_mm", front_mm
-    yield at_most("front", "shell.wall_mm, 0 without front", d.shell.wall_mm * (front_mm > 0), *front)
+    wall = "shell.wall_mm, 0 without front", d.shell.wall_mm * (front_mm > 0)
+    yield at_most("front", *wall, "skin.thickness_mm - protrusion_mm", front_mm)
     # The face above a pilot seals in the mold and must not be too thin.
     depth = "screw.engagement_mm + screw.tip_clearance_mm", d.screw.pilot_depth_mm
     room_mm = d.frame_height_mm - d.shell.wall_mm
