@@ -6,7 +6,7 @@ import json
 import os
 import textwrap
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ from .schema import (
 
 if TYPE_CHECKING:
     from deltact_fab.bench import HostDevice
-    from deltact_fab.fabricate import Solution
+    from deltact_fab.fabricate import Design
 
 SHIPPED_FOLDERS = ("cad", "patterns", "protocols")
 SCHEMA_FOLDER = "schemas"
@@ -153,23 +153,21 @@ def protocol(
 
 
 def design(
-    name: str, base: str = "deltact", out: Path | None = None, solution: Solution | None = None
-) -> Path:
-    """Write a design with its base and the changes of a solution, and return its file.
+    name: str, base: str = "deltact", out: Path | None = None, solved: Design | None = None,
+    head: Iterable[str] = (),
+) -> Path:  # fmt: skip
+    """Write a design with its base and the changes of a solved one, and return its file.
 
-    The head carries the verdict of a solution, with its failed checks. Raises InputError as
-    `catalog.write_new`, and for an invalid name or base.
+    head: comments at its head. Raises InputError as `catalog.write_new`, and for an invalid name or
+    base.
     """
     from deltact_fab.fabricate import load_design
 
     settings: dict[str, Any] = {"base": base}
-    inherited, head = asdict(load_design(base)), []
-    if solution is not None:
-        for section, values in asdict(solution.design).items():
-            changed = {k: v for k, v in values.items() if v != inherited[section][k]}
-            settings |= {section: changed} if changed else {}
-        head = [solution.summary, *solution.changes]
-        head += [str(finding.value) for finding in solution.verdict.findings()][1:]
+    inherited = asdict(load_design(base))
+    for section, values in asdict(solved).items() if solved else ():
+        changed = {k: v for k, v in values.items() if v != inherited[section][k]}
+        settings |= {section: changed} if changed else {}
     about = (
         *(line for text in head for line in textwrap.wrap(text, 96, break_on_hyphens=False)),
         f"A design with the values of {base!r} for all keys not set here. Next:",

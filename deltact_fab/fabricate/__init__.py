@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .cad.intent import Wish
     from .cad.parts.light_holder import plate_bending_room
     from .cad.registry import find_part, list_parts, select_parts
-    from .cad.solution import Solution, solve_wish
+    from .cad.solution import solve_wish
     from .cad.stiffness import press_plate
     from .guide import write_guide
     from .patterns.code import read_code

@@ -112,15 +112,18 @@ def new(
         raise InputError(f"{file}: already exists; name a new file")
     with progress("cad new") as tell:
         solution = solve_wish(wish, start, name, tell, nearest)
-    note = file_note(write(name, base, out, solution), f"cad check --design {name}")
     figures, verdict = [asdict(figure) for figure in solution.figures], solution.verdict
+    head = [solution.summary, *solution.changes]
+    faults = [str(finding.value) for finding in verdict.findings()][1:]
+    file = write(name, base, out, solution.design, [*head, *faults])
+    note = file_note(file, f"cad check --design {name}")
     data = {
         **note.data, "wish": asdict(solution.wish), "figures": figures,
         "changes": solution.changes, "verdict": verdict.failure or verdict.text,
         "failed": [row.as_dict() for row in verdict.failed],
     }  # fmt: skip
     lines = [
-        solution.summary, *solution.changes, "",
+        *head, "",
         *columns_of(("name", "value", "base", "unit"), figures), "",
         *(check_lines(verdict.failed) if verdict.failed else ()), *note.lines,
     ]  # fmt: skip

@@ -61,7 +61,7 @@ class Solution:
         if self.wish.gel_mm is not None or skin.thickness_mm == old.thickness_mm:
             return []
         return [
-            f"gel: {skin.thickness_mm:g} mm; the base's {old.thickness_mm:g} mm is unevenly lit"
+            f"gel: {skin.thickness_mm:g} mm, for even light; the base's is {old.thickness_mm:g}"
         ]
 
     @property
