@@ -41,8 +41,8 @@ SHOWN = 8  # rows of the table
 FACE_MM, GEL_MM, SHARE = (14.0, 80.0), (2.0, 16.0), (0.3, 0.7)
 HOLES = ("30x30 M3", "circle 50 6xM4", "ISO 9409-1-50-4-M6")
 # The grid: every way to meet a wish that differs by more than a repair would.
-GAPS_MM, SHEETS_MM, AXIAL_MM = (3, 4.5, 7, 11, 17, 26, 38), (2.0, 3.0, 5.0, 8.0), (1.0, 2.5, 5.0)
-HOUSINGS_MM, LED_SHARES = (0.0, 4.0, 8.0, 14.0, 22.0), (1.0, 0.75)
+GAPS_MM, SHEETS_MM, AXIAL_MM = (3, 4.5, 7, 11, 17, 26, 38), (2.0, 4.0, 8.0), (1.0, 4.0)
+HOUSINGS_MM, LED_SHARES = (0.0, 6.0, 14.0, 26.0), (1.0, 0.75)
 
 
 def numbers() -> list[tuple[str, float, float, float, bool]]:
@@ -93,10 +93,13 @@ def altered(design: Design, index: int) -> Design:
 
 def find_by_grid(wish: Wish, base: Design) -> Choices | None:
     """The first choices of the grid that meet a wish by arithmetic, without any remedy."""
-    gels = (0.0,) if wish.gel_mm else (0.0, 14.0, 18.0)
+    gels = (0.0,) if wish.gel_mm else (0.0, 16.0)
     least = build_design(wish, Choices(), base)
     sides = least.frame_outer_mm
-    housings = [(sides[0] + a, sides[1] + b) for a, b in product(HOUSINGS_MM, HOUSINGS_MM)]
+    deepest = build_design(wish, Choices(max(gels), SHEETS_MM[-1], GAPS_MM[-1]), base)
+    if deepest.camera.nearest_mm > deepest.eye_distance_mm + deepest.camera.lens_height_mm:
+        return None  # no choice focuses
+    housings = [(sides[0] + a, sides[1] + b) for b in (0.0, 20.0) for a in HOUSINGS_MM]
     board = (least.camera.board_width_mm, 2 * least.camera.board_top_mm)
     housings += [(max(*sides, *board) + a,) * 2 for a in HOUSINGS_MM]
     grid = product(

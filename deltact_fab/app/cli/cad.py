@@ -113,13 +113,13 @@ def new(
     with progress("cad new") as tell:
         solution = solve_wish(wish, start, name, tell, nearest)
     figures, verdict = [asdict(figure) for figure in solution.figures], solution.verdict
-    head = [solution.summary, *solution.changes]
+    head = [solution.summary, *solution.notes]
     faults = [str(finding.value) for finding in verdict.findings()][1:]
     file = write(name, base, out, solution.design, [*head, *faults])
     note = file_note(file, f"cad check --design {name}")
     data = {
         **note.data, "wish": asdict(solution.wish), "figures": figures,
-        "changes": solution.changes, "verdict": verdict.failure or verdict.text,
+        "notes": solution.notes, "verdict": verdict.failure or verdict.text,
         "failed": [row.as_dict() for row in verdict.failed],
     }  # fmt: skip
     lines = [

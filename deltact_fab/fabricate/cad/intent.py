@@ -147,6 +147,9 @@ def search_choices(wish: Wish, base: Design, choices: Choices) -> tuple[Design, 
             design = build_design(wish, choices, base)
         except ShapeError as error:
             raise Unsolved(str(error)) from error
+        if (flat := _flat_share(design)) < wish.share:
+            text = f"view of the face: {100 * flat:.0f} % of it is flat; {100 * wish.share:g} %"
+            raise Unsolved(f"{text} required")
         first = None
         # Later checks cost more: they run only if no earlier failure has a remedy.
         for check in failed_checks(design, wish):
@@ -160,6 +163,13 @@ def search_choices(wish: Wish, base: Design, choices: Choices) -> tuple[Design, 
                 return design, choices
             raise Unsolved(failure_text(first), first)
     raise Unsolved(f"no solution after {MAX_REPAIRS} repairs")
+
+
+def _flat_share(design: Design) -> float:
+    """Share of the face within its rounded edges, less the lens's offset: no view is larger."""
+    margin_mm = design.skin.edge_fillet_mm + off_axis_mm(design)
+    sides = design.skin.width_mm, design.skin.length_mm
+    return math.prod(max(side - 2 * margin_mm, 0.0) / side for side in sides)
 
 
 def failed_checks(design: Design, wish: Wish) -> Iterator[Check]:

@@ -40,7 +40,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Solution:
-    """A design that meets a wish, with the verdict of its checks. changes: texts, from the base."""
+    """A design that meets a wish, with the verdict of its checks."""
 
     wish: Wish
     base: Design
@@ -55,14 +55,16 @@ class Solution:
         return f"Solved for a {wish}: {self.verdict.failure or self.verdict.text}."
 
     @property
-    def changes(self) -> list[str]:
-        """Return what the solver changed that the wish does not name."""
-        skin, old = self.design.skin, self.base.skin
-        if self.wish.gel_mm is not None or skin.thickness_mm == old.thickness_mm:
-            return []
-        return [
-            f"gel: {skin.thickness_mm:g} mm, for even light; the base's is {old.thickness_mm:g}"
-        ]
+    def notes(self) -> list[str]:
+        """Return camera, screws and mount, and a gel that the wish does not name."""
+        design, skin, old = self.design, self.design.skin, self.base.skin
+        mount = design.mount.holes if design.mount.kind == "flange" else design.mount.kind
+        screw = f"{design.screw.thread} x {design.screw.length_mm:g}"
+        notes = [f"Camera {design.camera.name}; screws {screw}; mount {mount}."]
+        if self.wish.gel_mm is None and skin.thickness_mm != old.thickness_mm:
+            gels = f"{skin.thickness_mm:g} mm and not the base's {old.thickness_mm:g}"
+            notes.append(f"Gel of {gels}, for even light.")
+        return notes
 
     @property
     def figures(self) -> list[Figure]:
@@ -79,14 +81,13 @@ def _figures(design: Design) -> Iterator[tuple[str, float, str]]:
     yield "share of the face in view", share, ""
     yield "raw pixel on the face", design.eye_distance_mm / design.focal_px, "mm"
     yield "gel", skin.thickness_mm, "mm"
-    yield "depth of a press, most", plate.depth_mm, "mm"
-    yield "sharp down to", min(sharp_depth_mm(design), skin.thickness_mm), "mm"
-    yield "force of a press, most", _most_n(design), "N"
+    yield "depth of a press, largest", plate.depth_mm, "mm"
+    yield "depth of field, into the gel", min(sharp_depth_mm(design), skin.thickness_mm), "mm"
+    yield "force of a press, largest", _most_n(design), "N"
     material = GelMaterial()
     stiffness = flat_punch_n_per_mm(PUNCH_MM, skin.thickness_mm, material)
     yield f"gel under a flat punch of {2 * PUNCH_MM:g} mm", stiffness, "N/mm"
     yield "parallax at the view's corner, 1 mm deep", _parallax_px(design, 1.0), "raw px"
-    yield "screw length", design.screw.length_mm, "mm"
 
 
 def _most_n(design: Design) -> float:

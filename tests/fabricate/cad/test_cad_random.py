@@ -1,4 +1,4 @@
-"""Random wishes with altered dimensions: each set gives gated solids or one line, and never anything else."""
+"""Random wishes with altered dimensions: each gives gated solids or one line, nothing else."""
 
 from __future__ import annotations
 
