@@ -103,6 +103,7 @@ def thread_text(thread: str) -> str:
     pitch_mm = M16_PITCH_MM if thread == "M1.6" else METRIC_THREADS[thread].pitch_mm  # type: ignore[index]
     return f"{thread} × {pitch_mm:g}"
 
+
 FLANGE_SCREWS_MM = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0)
 """Lengths of M2 to M6 on sale (ISO 4762)."""
 # By hand, ISO 9409-1: pitch circle, screws and locating pin by designation.
