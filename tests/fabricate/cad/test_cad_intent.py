@@ -166,7 +166,7 @@ def failed_rules(design) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("over_mm", "passes"), [(-0.1, True), (0.1, False), (1.4, False), (1.6, True)]
+    ("over_mm", "passes"), [(-0.7, True), (-0.3, False), (0.1, False), (1.4, False), (1.6, True)]
 )
 def test_thread_of_floor_fails_rule(over_mm, passes):
     """A ring that ends a little outside the relief of a camera screw leaves a thread of floor."""

@@ -33,7 +33,8 @@ from ..dimensions import Design
 from ..drafting.dimensioning import SQUARE_EDGES, Callouts, z_of
 from ..kernel import Extent, Shape, Workplane, around, cuboid, cylinders, require
 from ..part import AMBER_RGBA, BOUGHT_PROCESS, WHITE_RGBA, Part, PrintPose
-from ..rule import RULE_SLACK, Length, PlayFit, at_most, below
+from ..rays import OPPOSITE_DEG
+from ..rule import Length, PlayFit, at_most, below
 from .camera import UPPER_HOLES
 
 WIRE_SIZE = "0.08 mm²"
@@ -84,21 +85,26 @@ def rules(d: Design) -> Iterator[Check]:
     yield below("bore", "0", 0.0, "bore radius", d.light_bore_mm)
     head = d.holder.row.head_height_mm + light.head_room_mm
     yield at_most("head", f"{d.holder.screw} head + head_room_mm", head, "floor_mm", light.floor_mm)
-    # A relief opens to the outside or into the bore, or leaves a wall: no thread of floor.
-    least_mm = min(light.wall_mm, light.diffuser_mm, light.floor_mm)
+    if d.light_bore_mm <= 0:
+        return
+    # A relief opens well to the outside or into the bore, or leaves a wall: no thread of floor.
+    least_mm, bore_mm = min(light.wall_mm, light.diffuser_mm, light.floor_mm), d.light_bore_mm
     for id, name, centres, relief_mm in (
         ("screw", "a camera screw", d.camera_screw_centres_mm[:1], d.head_relief_mm),
         ("peg", "a peg", d.peg_centres_mm[:1], d.peg_relief_mm),
     ):
-        for centre in centres:
-            near_mm, far_mm = (math.hypot(*centre) + side * relief_mm for side in (-1, 1))
-            radius_mm, bore_mm = d.light_radius_mm, d.light_bore_mm
-            for place, gap_mm in (("outside", radius_mm - far_mm), ("bore", near_mm - bore_mm)):
-                closed = gap_mm > RULE_SLACK and near_mm < radius_mm
-                floor = f"floor between the relief of {name} and the {place}"
-                need = "least of wall_mm, diffuser_mm, floor_mm; 0 if open"
-                room_mm = gap_mm if closed else 0.0
-                yield at_most(f"{id}-{place}", need, least_mm * closed, floor, room_mm, UPPER_HOLES)
+        for away_mm in (math.hypot(*centre) for centre in centres):
+            for place, ring_mm, sign in (("outside", d.light_radius_mm, 1), ("bore", bore_mm, -1)):
+                gap_mm = sign * (ring_mm - away_mm) - relief_mm
+                need, room = ("least wall", least_mm), (f"relief of {name} to the {place}", gap_mm)
+                if gap_mm <= 0:
+                    # Angle of the floor's edge where the two circles cross, as walls are judged.
+                    cosine = ring_mm**2 + relief_mm**2 - away_mm**2
+                    cosine = min(max(sign * cosine / (2 * ring_mm * relief_mm), -1.0), 1.0)
+                    angle = f"edge where the relief of {name} opens to the {place}, deg"
+                    edge_deg = math.degrees(math.acos(cosine))
+                    need, room = ("least angle of a wall", OPPOSITE_DEG), (angle, edge_deg)
+                yield at_most(f"{id}-{place}", *need, *room, UPPER_HOLES)
 
 
 def led_room_mm(d: Design) -> float:

@@ -62,7 +62,9 @@ def bars(design: Design) -> list[Extent]:
     if mount.kind == "plate":
         return [((-outer_x / 2, y, z), (outer_x / 2, end, design.z_joint_mm))]
     if mount.kind == "flange":
-        fit, top, root = design.cover.fit_mm, design.flange_top_mm, min(half, outer_x / 2)
+        # Between the bosses, which would leave it as a thin sheet over them.
+        fit, top = design.cover.fit_mm, design.flange_top_mm
+        root = min(half, outer_x / 2 - design.boss_room_mm)
         plate = ((-half, y + fit, design.z_back_mm), (half, end, top))
         return [((-root, y, z), (root, y + fit, top)), plate]
     back, front = design.flange_arm_z_mm
@@ -160,10 +162,13 @@ def _pattern_rules(d: Design) -> Iterator[Check]:
     pairs = [(math.dist(a, b), r, s, v, w) for (a, r, v), (b, s, w) in combinations(holes, 2)]
     wall_mm = min(apart - (r + s) / 2 for apart, r, s, _, _ in pairs)
     gap_mm = min(apart - (v + w) / 2 for apart, _, _, v, w in pairs)
-    root_mm, width_mm = d.flange_top_mm - d.z_floor_mm, min(mount.width_mm, d.frame_outer_mm[0])
+    (x0, _, z0), (x1, _, z1) = bars(d)[0]
+    root_mm, width_mm = z1 - z0, x1 - x0
     # A cantilever from its screws, pressed in the middle of the face: 6 F l / (w h^2).
     lever_mm = d.flange_middle_mm + pattern.half_mm[1]
-    stress_mpa = 6 * d.plate.force_n * lever_mm / (width_mm * root_mm**2) if root_mm > 0 else 1e9
+    stress_mpa = (
+        6 * d.plate.force_n * lever_mm / (width_mm * root_mm**2) if root_mm > 0 else math.inf
+    )
     heads_mm = d.flange_top_mm + mount.thread.washer_height_mm + mount.thread.thread_mm
     for id, name, value, limit_name, room in (
         ("width", "holes, washers and edges in x", size[0], "mount.width_mm", mount.width_mm),
