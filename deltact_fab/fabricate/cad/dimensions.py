@@ -279,6 +279,11 @@ class Design(SensorDimensions):
         return self.strip_radius_mm - self.light.channel_mm - self.light.diffuser_mm
 
     @property
+    def cut_step_mm(self) -> float:
+        """Between the middles of two cuts of the LED strip = 2 pi strip radius / cuts: 44.0."""
+        return 2 * math.pi * self.strip_radius_mm / self.light.cuts
+
+    @property
     def channel_inner_mm(self) -> float:
         """Inner radius of the strip's channel = strip radius - channel: 11.6."""
         return self.strip_radius_mm - self.light.channel_mm

@@ -42,7 +42,7 @@ GAPS_MM = tuple(k / 2 for k in range(6, 91))
 AXIAL_MM = tuple(k / 10 for k in range(10, 51))
 STRIPS_MM = 8.0, 5.0  # by hand: widths of LED strip on sale
 LEDGES_MM = tuple(k / 4 for k in range(9))  # by hand: a wider ledge leaves the posts
-FEWER_LEDS = tuple(range(500, 2, -1))
+FEWER_CUTS = tuple(range(500, 0, -1))
 THREAD_LIMITS_MM: tuple[tuple[CapThread, float], ...] = (
     ("M1.6", 45.0),
     ("M2", 50.0),
@@ -110,7 +110,7 @@ class Choices:
     sheet_mm: float = SHEETS_MM[0]
     gap_mm: float = GAPS_MM[0]
     axial_mm: float = AXIAL_MM[0]
-    leds: int = 5
+    cuts: int = 2
     strip_mm: float = STRIPS_MM[0]
     columns: int = 2
     rows: int = 2
@@ -276,7 +276,8 @@ def build_design(wish: Wish, choices: Choices, base: Design) -> Design:
         ),
         light=replace(
             design.light,
-            led_count=choices.leds, strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
+            led_count=choices.cuts * design.light.leds_per_cut,
+            strip_width_mm=choices.strip_mm, axial_fit_mm=choices.axial_mm,
         ),
         # A press spreads no wider than the face.
         plate=replace(
@@ -397,8 +398,8 @@ def _thicker_gel(choices: Choices, design: Design, wish: Wish) -> Choices | None
 
 
 def _more_leds(choices: Choices, design: Design, wish: Wish) -> Choices | None:
-    max_leds = int(2 * math.pi * design.strip_radius_mm / design.light.pitch_mm)
-    return replace(choices, leds=choices.leds + 1) if choices.leds < max_leds else None
+    most_cuts = int(2 * math.pi * design.strip_radius_mm / design.light.cut_mm)
+    return replace(choices, cuts=choices.cuts + 1) if choices.cuts < most_cuts else None
 
 
 def _less_view(choices: Choices, design: Design, wish: Wish) -> Choices | None:
@@ -464,7 +465,7 @@ CHECK_REMEDIES: dict[str, tuple[Remedy, ...]] = {
         ("plate-stress skin-frame.pilot", (_next_value("sheet_mm", SHEETS_MM),)),
         ("even-light", (_more_leds, _less_view, _lower_light, _ring_round_view, _thicker_gel,
                         _next_value("sheet_mm", SHEETS_MM))),
-        ("light-holder.led-count", (_next_value("leds", FEWER_LEDS),)),
+        ("light-holder.led-count", (_next_value("cuts", FEWER_CUTS),)),
         ("light-holder.strip led-strip.led-on-strip",
          (_next_value("strip_mm", STRIPS_MM), _next_value("gap_mm", GAPS_MM))),
         ("fits-printer.mold", (_smaller_mold,)),

@@ -202,12 +202,16 @@ class CoverDimensions(Bounded):
 class LightDimensions(Bounded):
     """The light holder (part 4): a translucent ring with a channel for the LED strip."""
 
-    led_count: int = bounded_number(5, "number of LEDs (paper: five 5050)", 1, 200)
-    leds_per_m: float = bounded_number(60.0, "LEDs per metre of strip", 10, 400)
+    led_count: int = bounded_number(6, "number of LEDs, whole cuts (paper: five 5050)", 1, 200)
+    leds_per_m: float = bounded_number(120.0, "LEDs per metre of strip", 10, 400)
+    leds_per_cut: int = bounded_number(
+        3, "LEDs from cut to cut, in series (5 V: 1, 12 V: 3, 24 V: 6)", 1, 20
+    )
+    strip_w_per_m: float = assumed_length(9.6, "rated power of the strip, W per metre", 0.5, 100)
     strip_width_mm: float = bounded_number(8.0, "width of the strip", 3, 20)
     strip_thickness_mm: float = bounded_number(0.3, "thickness of strip and adhesive", 0.05, 2)
-    led_width_mm: float = bounded_number(5.0, "size of an LED along the strip (5050: 5)", 0.5, 20)
-    led_height_mm: float = bounded_number(1.6, "height of an LED on the strip (5050: 1.6)", 0.2, 10)
+    led_width_mm: float = bounded_number(3.5, "longer side of an LED (2835: 3.5)", 0.5, 20)
+    led_height_mm: float = bounded_number(0.8, "height of an LED on the strip (2835: 0.8)", 0.2, 10)
     led_tolerance_mm: float = bounded_number(0.1, "tolerance of LED and strip, +-", 0.0, 1)
     channel_mm: float = bounded_number(2.4, "radial room for strip and LED", 1, 10)
     diffuser_mm: float = bounded_number(1.5, "wall between LED and camera", 0.4, 10)
@@ -222,79 +226,99 @@ class LightDimensions(Bounded):
     )
     slot_mm: float = bounded_number(3.0, "width of the slot for the wires", 0.5, 20)
     resistor_ohm: float = bounded_number(750.0, "series resistor (paper: 750)", 20, 1e5)
-    supply_v: float = bounded_number(5.0, "supply of a strip that is cut at every LED", 4.5, 5.5)
+    supply_v: float = bounded_number(12.0, "supply, the rated voltage of the strip", 4.5, 26)
     supply_tolerance: float = assumed_length(
-        0.05, "tolerance of the supply, share (USB 2.0: 0.05)", 0, 0.2
+        0.05, "tolerance of the supply, share (plug supplies: 0.05)", 0, 0.2
     )
     supply_rating_ma: float = assumed_length(
-        500.0, "limit of a sensor's LED current (USB 2.0 port)", 1, 1e5
+        500.0, "limit of a sensor's LED current (12 V, 6 W plug)", 1, 1e5
     )
     resistor_rating_w: float = assumed_length(
         0.25, "power rating of the resistor; used up to half", 0.01, 100
     )
-    strip_resistor_ohm: float = assumed_length(
-        0.0, "resistor on the strip, per LED; 0: worst case", 0, 1e4
-    )
     led_v: float = assumed_length(2.95, "forward voltage of a white chip at a few mA", 0.1, 10)
     led_spread_v: float = assumed_length(0.2, "tolerance of the forward voltage, +-", 0, 2)
-    led_chips: int = bounded_number(3, "chips per LED, in parallel", 1, 12)
-    led_limit_ma: float = assumed_length(
-        20.0, "continuous current per chip, limit (data sheet)", 0.1, 1000
-    )
     wire_mm: float = bounded_number(500.0, "length of each wire, from ring to supply", 50, 10_000)
     measured: tuple[str, ...] = measured_keys("keys measured, or from a data sheet")
 
     @property
     def pitch_mm(self) -> float:
-        """Between two LEDs = 1000 / LEDs per metre: 16.67."""
+        """Between two LEDs = 1000 / LEDs per metre: 8.33."""
         return 1000 / self.leds_per_m
 
     @property
     def strip_mm(self) -> float:
-        """Length of strip = count x pitch: 83.3."""
+        """Length of strip = count x pitch: 50."""
         return self.led_count * self.pitch_mm
 
     @property
+    def cut_mm(self) -> float:
+        """Length of a cut = LEDs per cut x pitch: 25."""
+        return self.leds_per_cut * self.pitch_mm
+
+    @property
+    def cuts(self) -> int:
+        """Number of cuts, in parallel = count / LEDs per cut, at least 1: 2."""
+        return max(self.led_count // self.leds_per_cut, 1)
+
+    @property
+    def cut_rated_ma(self) -> float:
+        """Rated current of a cut = power per metre x length / supply: 20."""
+        return self.strip_w_per_m * self.cut_mm / self.supply_v
+
+    @property
+    def string_v(self) -> float:
+        """Forward voltage of a cut = LEDs per cut x led_v: 8.85."""
+        return self.leds_per_cut * self.led_v
+
+    @property
+    def strip_resistor_ohm(self) -> float:
+        """The strip's own resistance of a cut = (supply - string) / rated current: 158."""
+        return max(self.supply_v - self.string_v, 0.0) / self.cut_rated_ma * 1000
+
+    @property
     def most_v(self) -> float:
-        """Maximum voltage over the resistors = supply (1 + tolerance) - led_v + spread: 2.5."""
-        return self.supply_v * (1 + self.supply_tolerance) - self.led_v + self.led_spread_v
+        """Maximum voltage over the resistors = supply (1 + tolerance) - string + spread: 4.35."""
+        spread_v = self.leds_per_cut * self.led_spread_v
+        return self.supply_v * (1 + self.supply_tolerance) - self.string_v + spread_v
 
     @property
     def circuit_ohm(self) -> float:
-        """Total resistance = resistor + strip's own / count (in parallel): 750."""
-        return self.resistor_ohm + self.strip_resistor_ohm / self.led_count
+        """Total resistance = resistor + strip's own / cuts (in parallel): 829."""
+        return self.resistor_ohm + self.strip_resistor_ohm / self.cuts
 
     @property
     def total_ma(self) -> float:
-        """Current of all LEDs = (supply - led_v) / total resistance, at least 0: 2.73."""
-        return max(self.supply_v - self.led_v, 0.0) / self.circuit_ohm * 1000
+        """Current of all cuts = (supply - string) / total resistance, at least 0: 3.80."""
+        return max(self.supply_v - self.string_v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def least_ma(self) -> float:
-        """Minimum current of all LEDs, at minimum supply and maximum led_v, at least 0: 2.13."""
-        v = self.supply_v * (1 - self.supply_tolerance) - self.led_v - self.led_spread_v
+        """Minimum current of all cuts, at minimum supply and maximum led_v, at least 0: 2.35."""
+        spread_v = self.leds_per_cut * self.led_spread_v
+        v = self.supply_v * (1 - self.supply_tolerance) - self.string_v - spread_v
         return max(v, 0.0) / self.circuit_ohm * 1000
 
     @property
     def most_ma(self) -> float:
-        """Maximum current of all LEDs = maximum voltage / total resistance, at least 0: 3.33."""
+        """Maximum current of all cuts = maximum voltage / total resistance, at least 0: 5.25."""
         return max(self.most_v, 0.0) / self.circuit_ohm * 1000
 
     @property
-    def chip_most_ma(self) -> float:
-        """Maximum current per chip, shared evenly = maximum / count / chips: 0.222."""
-        return self.most_ma / self.led_count / self.led_chips
+    def cut_most_ma(self) -> float:
+        """Maximum current of a cut, evenly shared = maximum / cuts: 2.62."""
+        return self.most_ma / self.cuts
 
     @property
     def resistor_most_w(self) -> float:
-        """Maximum dissipation of the resistor = maximum current squared x resistor: 0.00833."""
+        """Maximum dissipation of the resistor = maximum current squared x resistor: 0.0207."""
         return (self.most_ma / 1000) ** 2 * self.resistor_ohm
 
     @property
     def least_resistor_ohm(self) -> float:
-        """Smallest E24 value within led_limit_ma and supply_rating_ma at worst: 9.1."""
-        most_ma = min(self.led_limit_ma * self.led_count * self.led_chips, self.supply_rating_ma)
-        own_ohm = self.strip_resistor_ohm / self.led_count
+        """Smallest E24 value within rated currents of strip and supply at worst: 30."""
+        most_ma = min(self.cut_rated_ma * self.cuts, self.supply_rating_ma)
+        own_ohm = self.strip_resistor_ohm / self.cuts
         return next_e24(max(self.most_v, 0.0) / most_ma * 1000 - own_ohm)
 
 

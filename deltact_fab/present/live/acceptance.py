@@ -217,12 +217,12 @@ class _RestImages:
         return Health.compare(self._first, self._last, self._camera).reasons
 
 
-def _dark_led_fall(design: Design) -> float:
-    """Least relative fall of the light from side to side with one LED dark."""
+def _dark_cut_fall(design: Design) -> float:
+    """Least relative fall of the light from side to side with one cut of LEDs dark."""
     x, y = np.meshgrid(*(np.linspace(-side / 2, side / 2, 15) for side in design.optics.view_mm))
     falls = []
-    for led in range(design.light.led_count):
-        light = illuminance(design, x, y, dark=led)
+    for cut in range(design.light.cuts):
+        light = illuminance(design, x, y, dark=cut)
         falls.append(measure_fall(light.ravel() / light.mean(), x.ravel(), y.ravel()))
     return min(falls)
 
@@ -239,7 +239,7 @@ def _check_rows(
         room = np.minimum(room, (view_mm - spans - d.diameter_mm) / 2)
     blurs_px = [b for row in findings.blur_px for b in row if b is not None]
     most_px = max(LEAST_BLUR_PX, BLUR_PATCHES * sticker.patch_mm / camera.mm_per_px)
-    worst_px, dark = float(np.percentile(blurs_px, 95)), _dark_led_fall(design)
+    worst_px, dark = float(np.percentile(blurs_px, 95)), _dark_cut_fall(design)
     edges = ", ".join(f"{mm:g} mm along {side}" for side, mm in findings.edges.items())
     noise, few = findings.noise_mm, count < LEAST_FRAMES
     noise_text = f"{count} images, {LEAST_FRAMES} needed" if few else "not tracked"
@@ -275,8 +275,8 @@ def _check_rows(
          "check the LEDs and the diffuser: guide G, H.3"),
         ("light.leds", "light, all LEDs",
          f"falls by {100 * findings.one_sided:.0f} % from side to side",
-         f"<= {50 * dark:.0f} %, half of one dark LED", findings.one_sided <= dark / 2,
-         "an LED is dark or hidden: guide G, H.3"),
+         f"<= {50 * dark:.0f} %, half of one dark cut", findings.one_sided <= dark / 2,
+         "LEDs are dark or hidden: guide G, H.3"),
         ("saturation", "saturation", f"{100 * findings.saturated:.2f} % of pixels saturated",
          f"<= {100 * FlatField.max_saturated:g} %", findings.saturated <= FlatField.max_saturated,
          "less exposure; lamp off, notch closed: guide H.7, H.8"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from solids import common_mm3, made
 
@@ -69,32 +70,55 @@ def test_tight_and_loose_bores_fail() -> None:
 
 def test_worst_currents_by_hand() -> None:
     light = D.light
-    # (5.25 - 2.75) V and (4.75 - 3.15) V over 750 ohm; five LEDs of three chips.
-    assert light.most_ma == pytest.approx(2.5 / 0.75)
-    assert light.least_ma == pytest.approx(1.6 / 0.75)
-    assert light.chip_most_ma == pytest.approx(2.5 / 0.75 / 15)
-    assert light.resistor_most_w == pytest.approx(2.5**2 / 750)
-    # 300 mA through 2.5 V take 8.33 ohm.
-    assert light.least_resistor_ohm == 9.1
+    # 9.6 W/m x 25 mm / 12 V = 20 mA a cut, which its resistor of 3.15 V / 20 mA sets at 12 V; two
+    # cuts in parallel. 12.6 - 8.25 V and 11.4 - 9.45 V remain over the resistors.
+    ohm = 750 + 157.5 / 2
+    assert light.most_ma == pytest.approx(4350 / ohm)
+    assert light.least_ma == pytest.approx(1950 / ohm)
+    assert light.cut_most_ma == pytest.approx(4350 / ohm / 2)
+    assert light.resistor_most_w == pytest.approx((4.35 / ohm) ** 2 * 750)
+    # 40 mA through 4.35 V take 108.75 ohm, of which the strip has 78.75.
+    assert light.least_resistor_ohm == 30
     rows = {row.name: row for row in arithmetic.light(D)}
     assert all(not row.failed for row in rows.values())
-    assert "light.led_limit_ma" in rows["LED current"].basis
+    assert "light.strip_w_per_m" in rows["LED current"].basis
 
 
-def test_strip_resistors_are_in_parallel() -> None:
-    light = load_design(changes=["light.strip_resistor_ohm=150"]).light
-    assert light.most_ma == pytest.approx(2500 / (750 + 150 / 5))
-    assert light.least_resistor_ohm == 0
-    assert light.total_ma == pytest.approx(2050 / 780)
-    assert quantities.resistor_for_ohm(20, light) == (pytest.approx(102.5 - 30), 75)
+def test_strip_sets_its_resistors() -> None:
+    # A 5 V strip that is cut at every LED: 4.8 W/m x 16.67 mm / 5 V = 16 mA through 2.05 V.
+    strip = "leds_per_m=60", "leds_per_cut=1", "supply_v=5", "strip_w_per_m=4.8", "led_count=5"
+    light = load_design(changes=[f"light.{change}" for change in strip]).light
+    own = 2050 / 16
+    assert light.most_ma == pytest.approx(2500 / (750 + own / 5))
+    assert light.least_resistor_ohm == 6.2  # 80 mA through 2.5 V, less 25.6 ohm
+    assert light.total_ma == pytest.approx(2050 / (750 + own / 5))
+    assert quantities.resistor_for_ohm(20, light) == (pytest.approx(102.5 - own / 5), 82)
+
+
+def test_only_whole_cuts_light() -> None:
+    for count, refused in ((6, False), (7, True), (8, True), (9, False)):
+        light = replace(D.light, led_count=count)
+        rules = {rule.id: rule for rule in light_holder.rules(replace(D, light=light))}
+        assert rules["whole-cuts"].failed == refused
+
+
+def test_cuts_surround_the_lens_evenly() -> None:
+    for name, cuts in (("deltact", 2), ("skin-44x40", 4)):
+        turns = np.degrees(light_holder.led_turns(load_design(name)))
+        middles = turns.reshape(cuts, 3).mean(axis=1)
+        assert np.diff(middles) == pytest.approx(360 / cuts)
+        # None over the wire slot at -y.
+        assert abs((turns + 90 + 180) % 360 - 180).min() > 15
 
 
 @pytest.mark.parametrize(
     ("changes", "fails"),
     [
-        # 2.5 V / 20 ohm = 125 mA: 41.7 mA a chip, 312 mW.
-        (("resistor_ohm=20", "led_count=1"), {"LED current", "LED resistor", "even light"}),
-        (("resistor_ohm=20", "resistor_rating_w=1", "supply_rating_ma=124"), {"LED supply"}),
+        # 4.35 V / (20 + 157.5) ohm = 24.5 mA of 20 in one cut.
+        (("resistor_ohm=20", "led_count=3"), {"LED current", "even light"}),
+        # 4.35 V / (20 + 157.5 / 2) ohm = 44 mA: 38.8 mW.
+        (("resistor_ohm=20", "resistor_rating_w=0.07"), {"LED current", "LED resistor"}),
+        (("supply_rating_ma=5.2",), {"LED supply"}),
         # Dark at the lower end.
         (("led_v=4.6",), {"LED current, least"}),
     ],
@@ -107,7 +131,7 @@ def test_led_current_heat_and_supply_limits(changes: tuple[str, ...], fails: set
 def test_led_wider_than_pitch_is_refused() -> None:
     rules = light_holder.strip_rules(load_design(changes=["light.led_width_mm=7.9"]))
     assert [rule.failed for rule in rules] == [False, False]
-    wide = replace(D, light=LightDimensions(leds_per_m=240))
+    wide = replace(D, light=LightDimensions(leds_per_m=360))
     assert [rule.failed for rule in light_holder.strip_rules(wide)] == [True, False]
 
 

@@ -206,7 +206,7 @@ def test_view_matches_snell_by_hand():
 
 
 def test_led_illuminance_falls_by_fourth_power():
-    design = load_design(changes=["light.led_count=1"])
+    design = load_design(changes=["light.led_count=1", "light.leds_per_cut=1"])
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     x, y = (side / 2 for side in design.optics.view_mm)
     h2 = design.z_light_mm**2

@@ -245,14 +245,14 @@ def test_undrawable_title_is_refused(change, says):
     "changes",
     [
         ("light.resistor_ohm=470", "drawing.revision=C"),
-        ("light.led_count=9", "light.leds_per_m=120", "light.strip_resistor_ohm=1500.5"),
+        ("light.led_count=21", "light.leds_per_m=400", "light.strip_w_per_m=14.4"),
     ],
 )
 def test_wiring_is_legible_and_complete(changes):
     page = wiring(load_design(changes=changes))
     assert faults(page) == []
     if "drawing.revision=C" in changes:
-        said = ("R 470 ohm", "5 V ± 5 %", "red, 0.08 mm²", "17 × 2 mm", ">C<", "LED 5")
+        said = ("R 470 ohm", "12 V ± 5 %", "red, 0.08 mm²", "17 × 2 mm", ">C<", "cut 2")
         assert [text for text in said if text not in page.svg()] == []
 
 

@@ -129,7 +129,7 @@ def test_square_skin_is_refused():
         ("mount.kind=franka mount.flange_mm=9", "shell: mount: flange under the head + 2.5 x M3"),
         ("mount.kind=franka mount.flange_width_mm=40", "shell: mount: flange_width_mm <= outer x"),
         ("mount.kind=franka mount.flange_height_mm=29", "shell: mount: front of the arm <= joint"),
-        ("light.led_count=6", "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
+        ("light.led_count=12", "light-holder: led_count x pitch <= 2 pi strip radius: 100"),
         ("light.strip_width_mm=10", "light-holder: strip_width_mm <= depth of the channel: 10"),
         ("cover.slot_mm=2.0", "cover: slot_mm / 2 + leg_mm < peg_mm / 2: 1.6 < 1.35"),
         ("cover.slot_mm=0.2 resin_printer.least_gap_mm=0.3",

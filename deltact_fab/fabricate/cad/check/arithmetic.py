@@ -27,7 +27,7 @@ from .row import margin_check
 MIN_LED_MA = 1.0  # by hand: one stop below the paper's circuit (2.1 mA); less is underexposed
 HEAT_SHARE = 0.5  # by hand, of a resistor's rating: more is too hot to touch
 EVEN_LIGHT_SHARE = 0.6  # minimum over mean (EN 12464-1, reading)
-CIRCUIT_KEYS = ("supply_tolerance", "strip_resistor_ohm", "led_v", "led_spread_v")
+CIRCUIT_KEYS = ("supply_tolerance", "strip_w_per_m", "led_v", "led_spread_v")
 GEL_SPREAD_KEY = "plate.spread_mm"
 PLATE_KEYS = (GEL_SPREAD_KEY, "plate.youngs_modulus_mpa", "plate.bead_modulus_mpa")
 
@@ -106,28 +106,29 @@ def _size_text(sides_mm: list[float]) -> str:
 def light(design: Design) -> Iterator[Check]:
     """Check maximum and minimum LED current, dissipation, supply and uniformity.
 
-    LEDs in parallel are assumed to share the current evenly.
+    Cuts in parallel are assumed to share the current evenly.
     """
     light = design.light
     supply = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
     circuit = f"{light.resistor_ohm:g} ohm, {supply}"
+    lit_ma = light.leds_per_cut * light.least_ma
     for id, name, value, limit, margin, rating in (
-        ("led-current", "LED current", f"{light.chip_most_ma:.2f} mA per chip",
-         f"<= {light.led_limit_ma:g} mA per chip",
-         light.led_limit_ma - light.chip_most_ma, "led_limit_ma"),
-        ("led-current-least", "LED current, least", f"{light.least_ma:.2f} mA for all LEDs",
-         f">= {MIN_LED_MA:g} mA", light.least_ma - MIN_LED_MA, "led_v"),
+        ("led-current", "LED current", f"{light.cut_most_ma:.2f} mA per LED",
+         f"<= {light.cut_rated_ma:.3g} mA, the strip's rating",
+         light.cut_rated_ma - light.cut_most_ma, "strip_w_per_m"),
+        ("led-current-least", "LED current, least", f"{lit_ma:.2f} mA summed over the LEDs",
+         f">= {MIN_LED_MA:g} mA", lit_ma - MIN_LED_MA, "led_v"),
         ("led-resistor", "LED resistor", f"{1000 * light.resistor_most_w:.1f} mW",
          f"<= {1000 * HEAT_SHARE * light.resistor_rating_w:g} mW, half of light.resistor_rating_w",
          HEAT_SHARE * light.resistor_rating_w - light.resistor_most_w, "resistor_rating_w"),
         ("led-supply", "LED supply", f"{light.most_ma:.2f} mA", f"<= {light.supply_rating_ma:g} mA",
          light.supply_rating_ma - light.most_ma, "supply_rating_ma"),
     ):  # fmt: skip
-        keys = tuple(f"light.{key}" for key in (*CIRCUIT_KEYS, rating))
+        keys = tuple(f"light.{key}" for key in dict.fromkeys((*CIRCUIT_KEYS, rating)))
         yield margin_check(id, name, "light-holder", f"{value}, {circuit}", limit, margin, keys)
     share = evenness(design)
     value = f"minimum/mean {share:.2f} over the view, {light.led_count} LEDs "
-    value += f"at {light.pitch_mm:.1f} mm pitch"
+    value += f"in {light.cuts} cuts"
     limit, margin = f">= {EVEN_LIGHT_SHARE:g}", share - EVEN_LIGHT_SHARE
     yield margin_check("even-light", "even light", "light-holder, skin", value, limit, margin)
 
@@ -147,12 +148,12 @@ def evenness(design: Design) -> float:
 def illuminance(
     design: Design, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], dark: int | None = None
 ) -> NDArray[np.float64]:
-    """Illuminance at points of the face by the model of `evenness`; dark: index of a dead LED."""
+    """Illuminance at points of the face by the model of `evenness`; dark: index of a dead cut."""
     r = (design.strip_radius_mm + design.channel_inner_mm) / 2
     light = np.zeros_like(x_mm)
-    for led, turn in enumerate(led_turns(design)):
+    for led, turn in enumerate(led_turns(design)):  # a dead LED darkens its cut
         distance2 = (x_mm - r * np.cos(turn)) ** 2 + (y_mm - r * np.sin(turn)) ** 2
-        if led != dark:
+        if led // design.light.leds_per_cut != dark:
             light += design.z_light_mm**2 / (distance2 + design.z_light_mm**2) ** 2
     return light
 

@@ -1,4 +1,4 @@
-"""The wiring drawing of a sensor: supply, resistor, LEDs in parallel, camera cable. No CAD kernel.
+"""The wiring drawing of a sensor: supply, resistor, cuts of LEDs, camera cable. No CAD kernel.
 
 A schematic, not to scale, from the same numbers as check, bill of materials and guide.
 """
@@ -13,8 +13,8 @@ from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
 WIRING_SHEET = "A4"
-# By hand, mm on an A4 sheet: most LEDs drawn one by one, and a layout without overlaps.
-MAX_DRAWN_LEDS = 6
+# By hand, mm on an A4 sheet: most cuts, and LEDs of a cut, drawn one by one; no overlaps.
+MAX_DRAWN_CUTS, MAX_DRAWN_LEDS, LED_STEP_MM = 6, 3, 8.5
 PLUS_Y, MINUS_Y, CABLE_Y = 48.0, 94.0, 120.0
 LEFT_X, SUPPLY_X, RESISTOR_X, WALL_X, RING_X, RIGHT_X = 18.0, 52.0, 74.0, 142.0, 168.0, 281.0
 TOP_Y, RING_END_Y, END_Y = 24.0, 104.0, 134.0
@@ -33,7 +33,7 @@ def wiring(design: Design) -> DrawingPage:
     volts = f"{light.supply_v:g} V ± {100 * light.supply_tolerance:g} %"
     middle = (LEFT_X + SUPPLY_X) / 2
     _stack(page, middle, 68, ("Supply", volts, f"at least {light.most_ma:.3g} mA"))
-    count = min(light.led_count, MAX_DRAWN_LEDS)
+    count = min(light.cuts, MAX_DRAWN_CUTS)
     xs = [RING_X + 14 + (RIGHT_X - RING_X - 30) * i / max(count - 1, 1) for i in range(count)]
     x_after = RESISTOR_X + RESISTOR_MM
     page.path([[(SUPPLY_X, PLUS_Y), (RESISTOR_X, PLUS_Y)], [(x_after, PLUS_Y), (xs[-1], PLUS_Y)],
@@ -48,16 +48,16 @@ def wiring(design: Design) -> DrawingPage:
         page.text(((x_after + WALL_X) / 2 - 8, y + 8), label, TEXT_MM, "middle")
     page.group = "leds"
     for i, x in enumerate(xs, 1):
-        _led(page, x, f"LED {light.led_count if i == count else i}", light.strip_resistor_ohm)
-    if light.led_count > count:
-        # Dots stand for the LEDs not drawn.
+        _cut(page, x, f"cut {light.cuts if i == count else i}", light.leds_per_cut)
+    if light.cuts > count:
+        # Dots stand for the cuts not drawn.
         for shift in (-2.0, 0.0, 2.0):
             page.circle(((xs[-2] + xs[-1]) / 2 + shift, PLUS_Y + 10), 0.4, "visible")
     page.group = "walls"
     _box(page, WALL_X, TOP_Y, RIGHT_X, END_Y, "hidden")
     _box(page, RING_X, TOP_Y + 9, RIGHT_X - 4, RING_END_Y, "hidden")
     page.text((WALL_X + 3, TOP_Y + 5), "sensor: shell (3) and cover (7)")
-    page.text((RING_X + 3, TOP_Y + 14), f"light holder (4): {light.led_count} LEDs in parallel")
+    page.text((RING_X + 3, TOP_Y + 14), f"light holder (4): {light.cuts} cuts in parallel")
     page.group = "camera"
     _box(page, LEFT_X, CABLE_Y - 8, SUPPLY_X + 8, CABLE_Y + 8)
     _stack(page, middle + 4, CABLE_Y + 1, (HOST_COMPUTER, "camera port"), TEXT_MM)
@@ -81,42 +81,45 @@ def wiring(design: Design) -> DrawingPage:
 def _notes(design: Design) -> Sequence[str]:
     light, shell = design.light, design.shell
     keys = [key for key in design.unverified() if key.startswith("light.")]
-    strip = f"{light.strip_resistor_ohm:g} ohm" if light.strip_resistor_ohm else "not counted"
     foam = f"closed by black foam, {shell.cable_foam_mm:g} mm" if shell.cable_foam_mm else "no foam"
     return (
         f"At −y, wires through the light holder's slot of {light.slot_mm:g} mm; wires and cable at "
         f"{shell.cable_side.replace('-', '−')} through the cable notch of "
         f"{shell.cable_width_mm:g} × {shell.cable_height_mm:g} mm; "
         f"{foam}.",
-        f"All LEDs: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
-        f"per chip: at most {light.chip_most_ma:.2f} of {light.led_limit_ma:g} mA.",
-        f"LED {light.led_v:g} ± {light.led_spread_v:g} V, {light.led_chips} chips in parallel; "
-        f"the strip's own resistor at each LED: {strip}.",
+        f"In all: {light.total_ma:.2f} mA ({light.least_ma:.2f} to {light.most_ma:.2f}); "
+        f"a cut: at most {light.cut_most_ma:.2f} of {light.cut_rated_ma:.3g} mA.",
+        f"A cut: {light.leds_per_cut} LEDs of {light.led_v:g} ± {light.led_spread_v:g} V in "
+        f"series and the strip's own resistor, about {light.strip_resistor_ohm:.3g} ohm by its "
+        f"{light.strip_w_per_m:g} W/m.",
         f"Resistor: {1000 * light.resistor_most_w:.1f} mW at most; lowest E24 value for these "
         f"LEDs: {light.least_resistor_ohm:g} ohm. An LED's bar is its minus side.",
         *([f"Depends on unverified values: {', '.join(keys)}."] if keys else []),
     )
 
 
-def _led(page: DrawingPage, x: float, name: str, own_ohm: float) -> None:
-    """Draw a LED from plus to minus, with the strip's own resistor above, if any."""
-    middle, half = (PLUS_Y + MINUS_Y) / 2 + 4, 3.0
-    top, bar = middle - half, middle + half
-    if own_ohm:
-        _box(page, x - 1.5, PLUS_Y + 6, x + 1.5, PLUS_Y + 14)
-        page.path([[(x, PLUS_Y), (x, PLUS_Y + 6)], [(x, PLUS_Y + 14), (x, top)]], "visible")
-    else:
-        page.line((x, PLUS_Y), (x, top), "visible")
-    page.path([[(x - half, top), (x + half, top), (x, bar)]], "visible", closed=True)
-    page.path([[(x - half, bar), (x + half, bar)], [(x, bar), (x, MINUS_Y)]], "visible")
-    for shift in (0.0, 2.5):
+def _cut(page: DrawingPage, x: float, name: str, leds: int) -> None:
+    """Draw a cut from plus to minus: the strip's own resistor, then its LEDs in series."""
+    drawn, half = min(leds, MAX_DRAWN_LEDS), 2.2
+    _box(page, x - 1.2, PLUS_Y + 4, x + 1.2, PLUS_Y + 11)
+    y = PLUS_Y + 11
+    page.line((x, PLUS_Y), (x, PLUS_Y + 4), "visible")
+    for _ in range(drawn):
+        top, bar = y + LED_STEP_MM - 2 * half, y + LED_STEP_MM
+        page.line((x, y), (x, top), "visible")
+        page.path([[(x - half, top), (x + half, top), (x, bar)]], "visible", closed=True)
+        page.line((x - half, bar), (x + half, bar), "visible")
         # Emitted light.
-        tip = (x + half + 3.2, middle - 2.2 + shift)
+        tip = (x + half + 3.2, top)
         page.line((tip[0] - 2.6, tip[1] + 1.6), tip)
         page.arrow(tip, (2.6, -1.6))
-    for y in (PLUS_Y, MINUS_Y):
-        page.circle((x, y), JUNCTION_MM, "visible")
-    page.text((x - 2, bar + 8), name, TEXT_MM, "end")
+        y = bar
+    page.line((x, y), (x, MINUS_Y), "visible")
+    for end in (PLUS_Y, MINUS_Y):
+        page.circle((x, end), JUNCTION_MM, "visible")
+    page.text((x - 2, y + 6), name, TEXT_MM, "end")
+    if leds > drawn:
+        page.text((x - 2, PLUS_Y + 16), f"{leds} LEDs", TEXT_MM, "end")
 
 
 def _box(

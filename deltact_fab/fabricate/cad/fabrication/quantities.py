@@ -36,6 +36,7 @@ PAPER_PATTERN_MM = 35.0
 PAPER_PLATE_MM = 2.0
 PAPER_PRESS_MM = PAPER_SHEAR_MM = 10.0
 PAPER_STRIP_MM = 10.0
+PAPER_SUPPLY_V, PAPER_RESISTOR_OHM = 5.0, 750.0
 
 
 @dataclass(frozen=True)
@@ -114,13 +115,14 @@ def resistor_for_ohm(total_ma: float, light: LightDimensions) -> tuple[float, fl
     0 if the strip's own resistors already limit the current. Raises InputError if the supply is
     below the LEDs' voltage.
     """
-    room_v = light.supply_v - light.led_v
+    room_v = light.supply_v - light.string_v
     if not (room_v > 0 and total_ma > 0):
         raise InputError(
-            f"expected light.supply_v > light.led_v ({light.led_v:g} V) and a current > 0 "
+            f"expected light.supply_v > {light.string_v:g} V, light.leds_per_cut x light.led_v, "
+            f"and a current > 0 "
             f"(got {light.supply_v:g} V and {total_ma:g} mA)"
         )
-    exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.led_count, 0.0)
+    exact = max(room_v / total_ma * 1000 - light.strip_resistor_ohm / light.cuts, 0.0)
     return exact, next_e24(exact)
 
 
@@ -167,7 +169,7 @@ def _figures(d: Design) -> dict[str, Any]:
         "of_depth": 100 * response.deflection_mm / d.plate.depth_mm,
         "strain": 100 * d.snap_strain,
         "strain_limit": 100 * d.cover.strain_limit,
-        "paper_ma": LightDimensions(resistor_ohm=750.0, supply_v=5.0).total_ma,
+        "paper_ma": 1000 * (PAPER_SUPPLY_V - d.light.led_v) / PAPER_RESISTOR_OHM,
         "sold_ohm": resistor_for_ohm(20.0, d.light)[1],
         "room_mm": room_mm,
         "strip_room": f"{room_mm - strip:.2g} mm" if room_mm > strip else "nothing",

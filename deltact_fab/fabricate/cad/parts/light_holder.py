@@ -16,10 +16,10 @@ the camera's cable. The floor has reliefs for the heads of the camera's two scre
 the cover's pegs.
 The paper gives the material and the LEDs (Imaging Subsystem), no dimensions.
 
-The LED strip, flat as it is cut and soldered, before it goes into the channel: led_count pieces of
-pitch_mm along x, cut from a strip that may be cut at every LED; an LED in the middle of each,
-assumed square (5050: 5 x 5), pads on either side of a cut. The wires leave at the -x end. Frame:
-z = 0 is the adhesive's side, z up to the LEDs, x and y from the middle of the strip.
+The LED strip, flat as it is cut and soldered, before it goes into the channel: cuts of cut_mm
+along x, evenly spaced on the channel's wall and joined by two wires; the LEDs of a cut, drawn
+square, are pitch_mm apart. The wires leave at the -x end. Frame: z = 0 is the adhesive's side, z up
+to the LEDs, x and y from the middle of the strip.
 """
 
 from __future__ import annotations
@@ -79,6 +79,8 @@ def rules(d: Design) -> Iterator[Check]:
     light = d.light
     round_mm = 2 * math.pi * max(d.strip_radius_mm, 0.0)
     yield at_most("led-count", "led_count x pitch", light.strip_mm, "2 pi strip radius", round_mm)
+    spare = float(light.led_count % light.leds_per_cut)
+    yield below("whole-cuts", "LEDs beyond whole cuts of leds_per_cut", spare, "1", 1.0)
     depth, keys = d.z_light_mm - d.z_board_front_mm - light.floor_mm, ("camera.lens_height_mm",)
     strip = "strip_width_mm", light.strip_width_mm
     yield at_most("strip", *strip, "depth of the channel", depth, keys)
@@ -180,21 +182,33 @@ def strip_box(design: Design) -> Extent:
     """Bounding box of strip and LEDs."""
     light = design.light
     high = light.strip_thickness_mm + light.led_height_mm
-    return around(light.strip_mm / 2, light.strip_width_mm / 2, 0.0, high)
+    x = max(cut_middles_mm(design)) + light.cut_mm / 2
+    return around(x, light.strip_width_mm / 2, 0.0, high)
+
+
+def cut_middles_mm(design: Design) -> list[float]:
+    """x of each cut's middle: evenly spaced round the channel, the wire slot between two."""
+    cuts = design.light.cuts
+    return [(k - (cuts - 1) / 2) * design.cut_step_mm for k in range(cuts)]
 
 
 def led_at_mm(design: Design) -> list[float]:
     """x of each LED's middle."""
     light = design.light
-    return [(k + 0.5) * light.pitch_mm - light.strip_mm / 2 for k in range(light.led_count)]
+    shifts = [(k + 0.5) * light.pitch_mm - light.cut_mm / 2 for k in range(light.leds_per_cut)]
+    return [x + shift for x in cut_middles_mm(design) for shift in shifts]
 
 
 def strip_build(design: Design) -> Shape:
-    """Strip and LEDs as one solid in its own frame."""
+    """Strip, wires and LEDs as one solid in its own frame."""
     cq = require()
-    light = design.light
-    strip = cq.Workplane().rect(light.strip_mm, light.strip_width_mm)
-    body = strip.extrude(light.strip_thickness_mm)
+    light, (low, high) = design.light, strip_box(design)
+    cuts = cq.Workplane().pushPoints([(x, 0.0) for x in cut_middles_mm(design)])
+    body = cuts.rect(light.cut_mm, light.strip_width_mm).extrude(light.strip_thickness_mm)
+    for side in (-1, 1):  # the wires, on the cuts' pads
+        y = side * (light.strip_width_mm - WIRE_OUTER.mean_mm) / 2
+        wire = cq.Workplane(origin=(0, y, 0)).rect(high[0] - low[0], WIRE_OUTER.mean_mm)
+        body = body.union(wire.extrude(light.strip_thickness_mm))
     leds = cq.Workplane().pushPoints([(x, 0.0) for x in led_at_mm(design)])
     # From the strip's underside, so that the two overlap in a volume and not only a face.
     leds = leds.rect(light.led_width_mm, light.led_width_mm)
@@ -244,16 +258,18 @@ PARTS = (
         "led-strip",
         strip_build,
         strip_box,
-        material="LED strip, 5050, white",
+        material="LED strip, plain white, SMD 2835, uncoated (IP20), with its own resistors",
         process=BOUGHT_PROCESS,
         group="electronics",
         colour=AMBER_RGBA,
         sections=("light",),
+        derived=("cut_step_mm",),
         rules=strip_rules,
-        note="{d.light.led_count} single-LED cuts of {d.light.pitch_mm:.1f} x "
-        "{d.light.strip_width_mm:g} mm, {d.light.strip_mm:.1f} mm total; a {d.light.supply_v:g} V "
-        "strip that is cut at every LED",
-        how="cut between the LEDs and soldered, as in the wiring drawing",
+        note="{d.light.supply_v:g} V DC, {d.light.leds_per_m:g} LEDs/m, {d.light.strip_w_per_m:g} "
+        "W/m, {d.light.strip_width_mm:g} mm wide, LEDs at most {d.light.led_height_mm:g} mm high, "
+        "cut every {d.light.leds_per_cut} LEDs = {d.light.cut_mm:.4g} mm: {d.light.cuts} cuts, "
+        "{d.light.strip_mm:.4g} mm; order 1 m, the rest is spare",
+        how="cut at the marks, joined by wire as in the wiring drawing",
         look_for="plus to plus; no solder above the LEDs",
     ),
 )  # fmt: skip
