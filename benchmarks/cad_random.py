@@ -106,15 +106,16 @@ def find_by_grid(wish: Wish, base: Design) -> Choices | None:
         gels, GAPS_MM, SHEETS_MM, AXIAL_MM, (1.0, 0.85), (8.0, 5.0), housings, (0.0, 1.5)
     )
     for gel, gap, sheet, axial, share, strip, housing, ledge in grid:
-        choices = Choices(gel, sheet, gap, axial, 5, strip, 1, 1, share, housing, ledge)
+        choices = Choices(gel, sheet, gap, axial, 2, strip, 1, 1, share, housing, ledge)
         try:
             design = build_design(wish, choices, base)
         except ShapeError:
             continue
-        most = int(2 * math.pi * max(design.strip_radius_mm, 0) / design.light.pitch_mm)
-        for leds in {max(int(most * part), 1) for part in LED_SHARES}:
-            choices = replace(choices, leds=leds)
-            design = replace(design, light=replace(design.light, led_count=leds))
+        most = int(2 * math.pi * max(design.strip_radius_mm, 0) / design.light.cut_mm)
+        for cuts in {max(int(most * part), 1) for part in LED_SHARES}:
+            choices = replace(choices, cuts=cuts)
+            led_count = cuts * design.light.leds_per_cut
+            design = replace(design, light=replace(design.light, led_count=led_count))
             if next(failed_checks(design, wish), None) is None:
                 return choices
     return None
