@@ -262,9 +262,7 @@ def _bom_row(line: bom.BomLine) -> dict[str, str]:
         order += f"; {alternative}" * (alternative != "not looked up")
     return {
         "part": f"{line.item}. {line.part}",
-        "for": line.group,
-        "material": line.material or "",
-        "process": line.process,
+        "specification": line.material if line.source else f"{line.material}; {line.process}",
         "quantity": f"{amount} {line.unit}",
         "note": line.note,
         "to order": order,

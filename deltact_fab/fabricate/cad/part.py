@@ -143,8 +143,9 @@ class Part:
     name: unique; files are named after it. build: from dimensions to one solid of the CAD kernel.
     box: from the same dimensions to that solid's bounding box. Both take a Design, or for an
     indenter its `indenter`. quantity: pieces for one sensor, one mold or one test bench.
-    number: in the paper's exploded view, 0 if not numbered. explode_mm: shift along z in the
-    exploded view; also orders the parts of a group, face first. colour: sRGB and opacity in
+    spares: further pieces to order, once. number: in the paper's exploded view, 0 if not numbered.
+    explode_mm: shift along z in the exploded view; also orders the parts of a group, face first.
+    colour: sRGB and opacity in
     pictures. places: translations of its pieces in the sensor.
     fits: its mating pairs with other parts, each pair listed by one of the two.
     sections: sections of a design that it is made from. derived: lengths of Design that it uses.
@@ -162,6 +163,7 @@ class Part:
     material: str = f"{RESIN_MATERIAL}, black"
     process: str = PRINT_PROCESS
     quantity: int = 1
+    spares: int = 0
     group: Group = "sensor"
     number: int = 0
     explode_mm: float = 0.0

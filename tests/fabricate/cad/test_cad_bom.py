@@ -19,6 +19,7 @@ from deltact_fab.fabricate.cad.intent import Wish, find_design
 from deltact_fab.fabricate.cad.registry import list_parts, parts_of_group
 from deltact_fab.fabricate.cad.sensor_sections import LightDimensions
 from deltact_fab.fabricate.cad.standards import E24_STEPS
+from deltact_fab.paths import asset
 
 DEFAULT = Design()
 
@@ -37,7 +38,7 @@ def test_bom_scales_only_sensor_parts():
         part.name for part in list_parts()
     ]
     for part in parts_of_group("sensor"):
-        assert of(lines, part.name).quantity == 5 * part.quantity
+        assert of(lines, part.name).quantity == 5 * part.quantity + part.spares
     assert of(lines, "mold").quantity == 1
     assert of(lines, "led-strip").quantity == 5
 
@@ -55,7 +56,7 @@ def test_transparent_base_takes_a_cavity():
     for sensors, fills in ((3, 1), (4, 2), (8, 3)):
         lines = bom.bom_lines(DEFAULT, sensors)
         assert of(lines, "Solaris part A").quantity == pytest.approx(fills * full)
-        assert of(lines, "acrylic blank").quantity == sensors + 1
+        assert of(lines, "acrylic blank").quantity == sensors + 2  # one spare
 
 
 def test_coat_batch_has_weighable_minimum():
@@ -90,7 +91,7 @@ def test_stock_screws_need_no_note():
     paper = told(design="screws-19mm")
     assert "not stocked; the longest sold is 16 mm" in paper
     assert "M1.6 threaded rod with a nut as head" in paper
-    assert told() == "M1.6 x 16, key 1.5 mm"
+    assert told() == "M1.6 x 16, key 1.5 mm; 2 of them spare"
     assert "M1.6 x 14 is not stocked: cut one of 16 mm down" in told("screw.length_mm=14")
 
 
@@ -115,9 +116,44 @@ def test_notes_say_what_the_design_has():
 )
 def test_the_supply_follows_from_the_current(changes, sensors, ampere, takes):
     supply = of(bom.bom_lines(load_design(changes=changes), sensors), "supply")
-    assert supply.material == f"plug, {ampere} or more"
+    assert supply.material == f"plug supply, regulated ± 5 %, {ampere} or more"
     assert f"draw at most {takes}" in supply.note
     assert "pin of the Jetson" not in supply.note  # 12 V
+
+
+DESIGNS = [
+    *("deltact", "franka", "fingertip-24x24", "large-60x50", "screws-19mm", "skin-44x40"),
+    Wish.parse("44x40"), Wish.parse("60x50", camera="innomaker-u20cam"),
+    Wish.parse("36x34", gel_mm=6.0, holes="circle 50 4xM5"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("design", DESIGNS, ids=str)
+def test_every_bought_line_can_be_quoted(design):
+    found = load_design(design) if isinstance(design, str) else find_design(design, DEFAULT)
+    bought = [line for line in bom.bom_lines(found) if line.source is not None]
+    assert len(bought) > 50
+    for line in bought:
+        assert line.material, line.part
+        assert line.quantity > 0, line.part
+        assert line.source.orderable or line.source.search, line.part
+        assert "not " not in str(line.source)[:4], line.part
+
+
+# Words of the guide for what its reader needs to have, and what its measurements need.
+NAMED = (
+    "drill", "solder", "level", "brush", "needle", "blade", "cup", "tape", "gloves", "goggles",
+    "isopropanol", "lacquer", "vacuum", "epoxy", "lamp", "cloth", "driver", "key", "foam",
+)  # fmt: skip
+IMPLIED = ("caliper", "multimeter", "balance", "scanner", "printer", "ruler", "abrasive")
+
+
+def test_tools_of_the_guide_are_listed():
+    guide = asset("templates/guide.html").read_text().lower()
+    assert [tool for tool in NAMED if tool not in guide] == []
+    bought = [line for line in bom.bom_lines(DEFAULT) if line.source is not None]
+    text = " ".join(f"{line.part} {line.material}" for line in bought).lower()
+    assert [tool for tool in (*NAMED, *IMPLIED) if tool not in text] == []
 
 
 def test_csv_matches_bom_lines():

@@ -60,9 +60,9 @@ def test_the_default_pairs_by_hand():
 
 
 def test_flat_led_needs_its_sagitta():
-    # The back of the strip is a chord of 5 mm, whose ends lie on the channel's wall.
-    sagitta_mm = 14 - math.sqrt(14**2 - 2.5**2)
-    assert led_room_mm(Design()) == pytest.approx(1.6 + 0.3 + sagitta_mm)
+    # The back of the strip is a chord of 3.5 mm, whose ends lie on the channel's wall.
+    sagitta_mm = 14 - math.sqrt(14**2 - 1.75**2)
+    assert led_room_mm(Design()) == pytest.approx(0.8 + 0.3 + sagitta_mm)
     wide = dataclasses.replace(Design(), shell=dataclasses.replace(Design().shell, ledge_mm=17.0))
     assert math.isnan(led_room_mm(wide))
 

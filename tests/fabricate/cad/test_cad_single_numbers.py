@@ -35,7 +35,7 @@ SHIPPED = (
 WRONG = (
     "light.floor_mm=0.4", "holder.wall_mm=0.5", "mold.base_mm=0.5", "coupon.wall_mm=0.5",
     "table.tab_mm=5", "tool.flange_diameter_mm=27", "tool.body_mm=8", "mount.hole_pitch_mm=18",
-    "mount.width_mm=5", "light.channel_mm=1.5", "light.slot_mm=0.8", "light.strip_width_mm=12",
+    "mount.width_mm=5", "light.channel_mm=1.2", "light.slot_mm=0.8", "light.strip_width_mm=12",
     "light.leds_per_m=30", "shell.cable_width_mm=15", "shell.cable_height_mm=1.0",
     "shell.cable_foam_mm=3", "holder.clearance_mm=2", "holder.fit_mm=0.02",
     "cover.peg_clearance_mm=0.05", "cover.lip_mm=0.4", "cover.slot_mm=0.2", "cover.fit_mm=0.02",
@@ -50,10 +50,10 @@ WRONG = (
     pytest.param("resin_printer.plane_mm=0.4", marks=pytest.mark.slow),
     "laser.sheet_tolerance=0.3", "optics.acrylic_mm=1", "light.axial_fit_mm=0.05",
     "shell.ledge_mm=0.2", "shell.ledge_drop_mm=0", "frame.seat_y_mm=0.3", "frame.wall_x_mm=0.5",
-    "light.led_count=1", "light.led_count=2", "light.leds_per_m=72", "light.resistor_ohm=20",
+    "light.led_count=1", "light.led_count=2", "light.leds_per_m=60", "light.resistor_ohm=20",
     "light.resistor_ohm=100000", "optics.air_gap_mm=0.5", "optics.mm_per_px=0.02",
     "optics.image_width_px=1000", "optics.image_width_px=400", "skin.edge_fillet_mm=5",
-    "camera.focal_length_mm=1.31", "camera.f_number=1.2", "frame.wall_y_mm=1.6",
+    "camera.focal_length_mm=1.31", "camera.f_number=1.2", "frame.wall_y_mm=1.0",
     # Those of thirty that passed or named no key (shared/facts, third build), and what resolves
     # nothing.
     "screw.length_mm=13", "mold.floor_roughness_um=12.5", "mold.floor_flatness_mm=1",

@@ -107,7 +107,7 @@ def test_steps_are_in_order(tmp_path: Path) -> None:
 
 DEFAULT = (
     # Skin, light, pattern, joints, screws and ceilings by their figures.
-    "14.14 cm³", "16 h", "8–10 h", "65 °C", "110 Ω", "8.3 mW", "0.5 mm behind the joint",
+    "14.14 cm³", "16 h", "8–10 h", "65 °C", "82 Ω", "20.7 mW", "0.5 mm behind the joint",
     "56 × 54 mm", "M1.6 × 16", "0.68 g", "the 17 × 2 mm notch is a window onto lens and ring",
     "with notched corners", "tip the mold by about 10°", "26.1 mm² from 1.6 mm up, unsupported",
     # What may hurt the maker or the skin.

@@ -23,6 +23,7 @@ from .quantities import DEFAULT_FIGURES, WASTE_SHARE, fill_tables
 
 PIECE_UNIT = "pcs"
 MADE_PROCESSES = (PRINT_PROCESS, LASER_CUT, MACHINED_PROCESS, "cast in the mold")  # need no source
+TABLE_GROUPS = ("consumables", "workshop")  # of bom.toml, whose materials give the size
 UNKNOWN_SOURCE = "not looked up"
 JETSON_PIN_MA = 500.0  # by hand, cautious: the pins share the board's supply; more may reset it
 
@@ -51,14 +52,23 @@ class BoughtPart:
     """Substitutes, allowed or not."""
     found_in: str = UNKNOWN_SOURCE
     """Reference for these entries."""
+    search: str = ""
+    """Words to search a shop for; empty: name and specification of the line."""
 
     __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # noqa: RUF012
 
     def __str__(self) -> str:
-        """Maker and order number."""
-        if self.maker == self.order_number:
-            return self.maker
-        return f"{self.maker}: {self.order_number}"
+        """Maker and order number, or else the words to search for."""
+        if self.orderable:
+            made = self.maker != self.order_number and not self.maker.startswith("not ")
+            return f"{self.maker}: {self.order_number}" if made else self.order_number
+        maker = "" if self.maker.startswith("not ") else f"{self.maker}; "
+        return f"{maker}search: {self.search}"
+
+    @property
+    def orderable(self) -> bool:
+        """True if it has an order number."""
+        return not self.order_number.startswith("not ")
 
 
 @dataclass(frozen=True)
@@ -87,7 +97,8 @@ def load_bought() -> BoughtParts:
 class BomLine:
     """One line. item counts from 1. group: of the registry, `consumables` or `workshop`.
 
-    quantity: to order, in `unit`: pcs, g, ml, mm. source: of a bought line; None for a made one.
+    material: of a bought line, what to ask a shop for. quantity: to order, with spares, in `unit`:
+    pcs, g, ml, mm. source: of a bought line; None for a made one.
     """
 
     item: int
@@ -132,8 +143,9 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
     feasibility.check_feasible(design)
     # From the registry: parts of the sensor per sensor; tools, bench and indenters once.
     rows: list[tuple[Any, ...]] = [
-        (p.group, p.name, p.material, p.process, p.quantity * (sensors if p.per_sensor else 1),
-         PIECE_UNIT, p.note_text(design))
+        (p.group, p.name, p.material, p.process,
+         p.quantity * (sensors if p.per_sensor else 1) + p.spares, PIECE_UNIT,
+         _with_spares(p.note_text(design), p.spares))
         for p in list_parts(design=design)
     ]  # fmt: skip
     figures = _figures(design, sensors)
@@ -142,16 +154,28 @@ def bom_lines(design: Design, sensors: int = 1) -> BillOfMaterials:
         for row in bought:
             item = {**defaults, **row}
             if figures[item.get("needs", "one")]:
-                count = figures[item["quantity"]]
+                spares = int(item.get("spares", 0))
+                count = figures[item["quantity"]] + spares
                 about = (item["part"], item["material"], item["process"], count, item["unit"])
-                rows.append((group, *about, item["note"]))
+                rows.append((group, *about, _with_spares(item["note"], spares)))
     sources = load_bought()
     return BillOfMaterials(
-        line
-        if line.process in MADE_PROCESSES
-        else replace(line, source=sources.find_source(line.part, line.material, line.note))
+        line if line.process in MADE_PROCESSES else replace(line, source=_source(line, sources))
         for line in (BomLine(i, *row) for i, row in enumerate(rows, 1))
     )
+
+
+def _with_spares(note: str, spares: int) -> str:
+    return "; ".join(filter(None, (note, f"{spares} of them spare" if spares else "")))
+
+
+def _source(line: BomLine, sources: BoughtParts) -> BoughtPart:
+    source = sources.find_source(line.part, line.material, line.note)
+    # A part of the registry is named by us, its size stands in the note.
+    size = line.note.partition(";")[0]
+    texts = (line.part, line.material) if line.group in TABLE_GROUPS else (line.material, size)
+    words = ", ".join(filter(None, texts))
+    return replace(source, search=source.search or words)
 
 
 def _figures(d: Design, sensors: int) -> dict[str, Any]:
@@ -189,8 +213,10 @@ def _figures(d: Design, sensors: int) -> dict[str, Any]:
         **_flange_figures(d, sensors),
         "or_pin": "; or a 5 V pin of the Jetson" if pin else "",
         "wire": WIRE_SIZE,
+        "camera_screws": len(d.camera_screw_centres_mm),
+        "pilot_mm": d.screw.row.pilot_mm,
         "colours": " and ".join(WIRE_COLOURS),
-        "wire_mm": sensors * 2 * light.wire_mm,
+        "wire_mm": sensors * 2 * (light.wire_mm + (light.cuts - 1) * d.cut_step_mm),
         "computer": HOST_COMPUTER,
         "computers": math.ceil(sensors / 2),
     }
