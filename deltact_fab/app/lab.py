@@ -153,10 +153,10 @@ def protocol(
 
 
 def design(
-    name: str, base: str = "deltact", out: Path | None = None, solved: Design | None = None,
+    name: str, base: str = "deltact", out: Path | None = None, solution: Design | None = None,
     head: Iterable[str] = (),
 ) -> Path:  # fmt: skip
-    """Write a design with its base and the changes of a solved one, and return its file.
+    """Write a design with its base and the changes of a solution, and return its file.
 
     head: comments at its head. Raises InputError as `catalog.write_new`, and for an invalid name or
     base.
@@ -165,7 +165,7 @@ def design(
 
     settings: dict[str, Any] = {"base": base}
     inherited = asdict(load_design(base))
-    for section, values in asdict(solved).items() if solved else ():
+    for section, values in asdict(solution).items() if solution else ():
         changed = {k: v for k, v in values.items() if v != inherited[section][k]}
         settings |= {section: changed} if changed else {}
     about = (

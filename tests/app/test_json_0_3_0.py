@@ -47,6 +47,13 @@ acceleration_mm_s2 = [2000.0, 2000.0, 2000.0]
 """
 
 
+# Of `cad check`: rows that came after 0.3.0, and those of the light, which is another strip.
+CHANGED_CHECKS = (
+    "raw pixel", "pattern", "diffraction", "field of the lens", "stock length", "suction",
+    "LED supply", "LED resistor", "LED current, least", "LED current", "even light",
+)  # fmt: skip
+
+
 def cad_failing(folder: Path) -> str:
     changes = ("light.led_count=9", "shell.ledge_height_mm=0.5", "light.axial_fit_mm=0.1")
     return _cad(*(word for change in changes for word in ("--set", change)))
@@ -59,6 +66,7 @@ def cad_passing(folder: Path) -> str:
 def _cad(*changes: str) -> str:
     """The first row of each kind and verdict."""
     rows = json.loads(called("cad", "check", *changes, "--json").stdout)
+    rows = [row for row in rows if row["check"] not in CHANGED_CHECKS]
     return json.dumps(list({(row["check"], row["passed"]): row for row in rows[::-1]}.values()))
 
 

@@ -244,9 +244,9 @@ def sheet(
         from deltact_fab.fabricate import judge_design
 
         with progress("cad check") as tell:
-            judged = judge_design(sensor, design, tell)
-        judged.require(force)
-        verdict = judged.headline
+            design_verdict = judge_design(sensor, design, tell)
+        design_verdict.require(force)
+        verdict = design_verdict.headline
     for k, (name, recipe) in enumerate(zip(recipes, chosen, strict=True)):
         if explicit:
             chosen[k] = recipe.fitted(sensor.optics.view_mm, sensor.skin.face_mm)

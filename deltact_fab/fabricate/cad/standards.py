@@ -109,7 +109,7 @@ FLANGE_SCREWS_MM = (6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 30.0, 35.0, 40.0)
 # By hand, ISO 9409-1: pitch circle, screws and locating pin by designation.
 ROBOT_FLANGES: dict[str, tuple[float, int, Thread, float]] = {"50-4-M6": (50.0, 4, "M6", 6.0)}
 HOLES_HINT = "expected 30x30 M3, circle 50 6xM4 or ISO 9409-1-50-4-M6, with M2 to M6"
-_NUMBER = r"(\d+(?:\.\d+)?)"
+_NUMBER_PATTERN = r"(\d+(?:\.\d+)?)"
 
 
 @dataclass(frozen=True)
@@ -147,10 +147,10 @@ def parse_holes(text: str, source: str = "mount.holes") -> HolePattern:
         if name in ROBOT_FLANGES:
             diameter_mm, count, thread, pin_mm = ROBOT_FLANGES[name]
             words = f"circle {diameter_mm:g} {count}x{thread}"
-    if match := re.fullmatch(rf"{_NUMBER}x{_NUMBER} (M\S+)", words):
+    if match := re.fullmatch(rf"{_NUMBER_PATTERN}x{_NUMBER_PATTERN} (M\S+)", words):
         x, y = (float(side) / 2 for side in match.groups()[:2])
         centres = tuple((sx * x, sy * y) for sy in (-1, 1) for sx in (-1, 1))
-    elif match := re.fullmatch(rf"circle {_NUMBER} (\d+)x(M\S+)", words):
+    elif match := re.fullmatch(rf"circle {_NUMBER_PATTERN} (\d+)x(M\S+)", words):
         radius, count = float(match[1]) / 2, int(match[2])
         turns = ((k + 0.5) * 2 * math.pi / count for k in range(count))
         centres = tuple((radius * math.cos(t), radius * math.sin(t)) for t in turns)

@@ -243,7 +243,7 @@ class PatternRecipe(Table, strict=True):
         least_mm, most_mm = max(view_mm), max(face_mm)
         if least_mm <= printed_mm <= most_mm:
             return self
-        squares = math.ceil((least_mm + VIEW_SPARE_MM) / patch_mm - 1e-9)
+        squares = math.ceil((least_mm + STICKER_SPARE_MM) / patch_mm - 1e-9)
         if printed_mm > most_mm:
             squares = max(squares, _whole_patches(most_mm, patch_mm))
         if squares * patch_mm >= printed_mm > most_mm:
@@ -283,7 +283,7 @@ def _printed_mm(size_mm: float, patch_mm: float | None) -> float:
     return size_mm if patch_mm is None else round(_whole_patches(size_mm, patch_mm) * patch_mm, 9)
 
 
-VIEW_SPARE_MM = 1.0  # by hand, sticker beyond the view: room for misplacing it
+STICKER_SPARE_MM = 1.0  # by hand, sticker beyond the view: room for misplacing it
 DEFAULT_SEED = 7  # by hand; a change would change every default pattern
 RECOMMENDED_RECIPE = "recommended"
 """Default pattern to print; its file names the printer and the camera it suits."""

@@ -404,14 +404,6 @@ def _rows(
             f"the weakest >= {INK_SHARE:g} of the best",
             weakest >= INK_SHARE, "an ink is missing or nearly empty: clean the head, change it",
         )  # fmt: skip
-    if measured.chroma is not None:
-        agreement, saturation = measured.chroma
-        yield _row(
-            "colour", "colour", f"agreement {agreement:.2f}, saturation {saturation:.2f}",
-            f">= {MIN_CHROMA:g}, >= {MIN_SATURATION:g}",
-            agreement >= MIN_CHROMA and saturation >= MIN_SATURATION,
-            "print and scan in colour, RGB, with colour management off",
-        )  # fmt: skip
     limit_um = 500 * (recipe.patch_mm or 0.15)
     worst_um = max(math.hypot(u, v) for u, v in measured.ink_um)
     yield _row(
@@ -429,4 +421,12 @@ def _rows(
         yield _row(
             "dots", "marker dots", f"{visible} of {total}", "all", visible == total,
             "a white dot is bare film: look for ink or dirt there",
+        )  # fmt: skip
+    if measured.chroma is not None:
+        agreement, saturation = measured.chroma
+        yield _row(
+            "colour", "colour", f"agreement {agreement:.2f}, saturation {saturation:.2f}",
+            f">= {MIN_CHROMA:g}, >= {MIN_SATURATION:g}",
+            agreement >= MIN_CHROMA and saturation >= MIN_SATURATION,
+            "print and scan in colour, RGB, with colour management off",
         )  # fmt: skip

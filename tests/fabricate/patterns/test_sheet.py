@@ -41,7 +41,7 @@ MARKED = validate(
 )
 
 
-def test_recipe_takes_the_size_of_a_sensor():
+def test_recipe_takes_a_sensor_s_size():
     recipe = load_recipe()
     assert recipe.printed_mm == 34.8
     assert recipe.fitted((30.0, 28.0), (36.0, 34.0)) is recipe

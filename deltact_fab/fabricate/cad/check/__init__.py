@@ -126,8 +126,8 @@ def check_solids(
         except RunFailed as error:
             results = [Check(id, name, "", f"not run: {error}", "runs", "fail")]
         passes = partial(_passes, model, trials, id)
-        named = name_culprits(results, model.design, passes, model.bases)
-        rows += mark_unverified(named, model.design)
+        with_remedies = name_culprits(results, model.design, passes, model.bases)
+        rows += mark_unverified(with_remedies, model.design)
     if undone:
         rows.append(not_run(len(undone), "; ".join(dict.fromkeys(undone))))
     return rows

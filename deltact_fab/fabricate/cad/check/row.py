@@ -115,8 +115,8 @@ def advice(design: Design, margin: Margin, bases: Bases = PAPER_BASES) -> str:
     else:
         changes = sorted(change for key in keys if (change := key.nearest_change()))
         texts[False] = [text for _, text in changes]
-    given = [text for text in texts[True] if text][:1]
-    return ", ".join([*texts[False][: MAX_NAMED_KEYS - len(given)], *given])
+    last = texts[True][:1]
+    return ", ".join([*texts[False][: MAX_NAMED_KEYS - len(last)], *last])
 
 
 def name_culprits(

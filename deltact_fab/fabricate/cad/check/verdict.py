@@ -15,20 +15,20 @@ from .built import BuiltDesign, Facts
 
 PART_CHECKS = ("soundness", "wall-thickness", "bed-contact")
 """Checks on solids of single parts that need no drawing, of SOLID_CHECKS."""
-FORBIDDEN = "NOT TO BE BUILT"
+BUILD_WARNING = "NOT TO BE BUILT"
 
 
 @dataclass(frozen=True)
 class DesignVerdict:
     """Verdict of the checks of a design.
 
-    name: of the design. rows: its checks. whole: all checks of `cad check`, not only the rules and
-    the exported parts.
+    name: of the design. rows: its checks. is_whole: all checks of `cad check`, not only the rules
+    and the exported parts.
     """
 
     name: str
     rows: tuple[Check, ...]
-    whole: bool = True
+    is_whole: bool = True
 
     @property
     def failed(self) -> list[Check]:
@@ -54,13 +54,13 @@ class DesignVerdict:
     @property
     def headline(self) -> str:
         """Result for the head of a page, one line."""
-        return f"{FORBIDDEN}: {self.failure}." if self.failed else f"{self.name}: {self.text}."
+        return f"{BUILD_WARNING}: {self.failure}." if self.failed else f"{self.name}: {self.text}."
 
     def require(self, force: bool) -> None:
         """Raise RunFailed with the failed checks, unless forced."""
         if self.failed and not force:
             faults = [_line(row) for row in self.failed]
-            raise RunFailed(f"{self.failure}; --force writes it, marked {FORBIDDEN!r}", *faults)
+            raise RunFailed(f"{self.failure}; --force writes it, marked {BUILD_WARNING!r}", *faults)
 
     def findings(self) -> Iterator[Check]:
         """Yield the checks at the head of a page of the design: the result, then each failure."""
@@ -73,7 +73,7 @@ class DesignVerdict:
         for row in self.rows:
             if row.status == "not run":
                 yield Check(row.id, value=_line(row), status="not run")
-        if not self.whole:
+        if not self.is_whole:
             text = "Only the rules and these parts were checked: run `cad check` for the whole."
             yield Check("whole", value=text, status="not run")
 
@@ -110,4 +110,4 @@ def judge_design(
             facts.save()
     except MissingLibrary as error:
         solids = [not_run(len(SOLID_CHECKS), str(error))]
-    return DesignVerdict(name, (*check_arithmetic(design, bases), *solids), whole=parts is None)
+    return DesignVerdict(name, (*check_arithmetic(design, bases), *solids), is_whole=parts is None)

@@ -263,5 +263,5 @@ def _outward(r: Round, point: Point) -> Field:
 
 def _leader_to(view: str, points: Sequence[Point], radius_mm: float, text: str) -> Leader:
     """Return a label of equal features, visible at these points."""
-    first, *others = points[:: math.ceil(len(points) / MAX_TARGETS)]
-    return Leader(view, first, radius_mm, text, tuple(others))
+    first, *further = points[:: math.ceil(len(points) / MAX_TARGETS)]
+    return Leader(view, first, radius_mm, text, tuple(further))

@@ -13,7 +13,7 @@ from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
 WIRING_SHEET = "A4"
-# By hand, mm on an A4 sheet: most cuts, and LEDs of a cut, drawn one by one; no overlaps.
+# By hand, mm on an A4 sheet: most cuts, and LEDs of a cut, shown_leds one by one; no overlaps.
 MAX_DRAWN_CUTS, MAX_DRAWN_LEDS, LED_STEP_MM = 6, 3, 8.5
 PLUS_Y, MINUS_Y, CABLE_Y = 48.0, 94.0, 120.0
 LEFT_X, SUPPLY_X, RESISTOR_X, WALL_X, RING_X, RIGHT_X = 18.0, 52.0, 74.0, 142.0, 168.0, 281.0
@@ -50,7 +50,7 @@ def wiring(design: Design) -> DrawingPage:
     for i, x in enumerate(xs, 1):
         _cut(page, x, f"cut {light.cuts if i == count else i}", light.leds_per_cut)
     if light.cuts > count:
-        # Dots stand for the cuts not drawn.
+        # Dots stand for the cuts not shown_leds.
         for shift in (-2.0, 0.0, 2.0):
             page.circle(((xs[-2] + xs[-1]) / 2 + shift, PLUS_Y + 10), 0.4, "visible")
     page.group = "walls"
@@ -100,11 +100,11 @@ def _notes(design: Design) -> Sequence[str]:
 
 def _cut(page: DrawingPage, x: float, name: str, leds: int) -> None:
     """Draw a cut from plus to minus: the strip's own resistor, then its LEDs in series."""
-    drawn, half = min(leds, MAX_DRAWN_LEDS), 2.2
+    shown_leds, half = min(leds, MAX_DRAWN_LEDS), 2.2
     _box(page, x - 1.2, PLUS_Y + 4, x + 1.2, PLUS_Y + 11)
     y = PLUS_Y + 11
     page.line((x, PLUS_Y), (x, PLUS_Y + 4), "visible")
-    for _ in range(drawn):
+    for _ in range(shown_leds):
         top, bar = y + LED_STEP_MM - 2 * half, y + LED_STEP_MM
         page.line((x, y), (x, top), "visible")
         page.path([[(x - half, top), (x + half, top), (x, bar)]], "visible", closed=True)
@@ -118,7 +118,7 @@ def _cut(page: DrawingPage, x: float, name: str, leds: int) -> None:
     for end in (PLUS_Y, MINUS_Y):
         page.circle((x, end), JUNCTION_MM, "visible")
     page.text((x - 2, y + 6), name, TEXT_MM, "end")
-    if leds > drawn:
+    if leds > shown_leds:
         page.text((x - 2, PLUS_Y + 16), f"{leds} LEDs", TEXT_MM, "end")
 
 

@@ -29,7 +29,7 @@ from deltact_fab.common import (
 
 from .. import feasibility
 from ..build import cad_cache_key, part_key
-from ..check.verdict import FORBIDDEN, DesignVerdict, judge_design
+from ..check.verdict import BUILD_WARNING, DesignVerdict, judge_design
 from ..dimensions import Design
 from ..fabrication.bom import bom_lines
 from ..part import BOUGHT_PROCESS, Part
@@ -121,7 +121,7 @@ def export_parts(
     verdict = judge() if judge else judge_design(design, "design", None, unique, cached)
     verdict.require(force)
     if verdict.failed:
-        tasks = [replace(task, document=FORBIDDEN) for task in tasks]
+        tasks = [replace(task, document=BUILD_WARNING) for task in tasks]
     tell = progress or (lambda count, total, step: None)
     results = _load_or_make(tasks, cached, jobs, tell)
     if sensor and "glb" in kinds:
@@ -132,12 +132,12 @@ def export_parts(
     files = [_rounded_entry(entry) for entry, _ in results]
     contents = {entry.file: data for entry, data in results}
     pages = _pages(design, list(unique), files, verdict)
-    listed = {
+    entries = {
         "verdict": verdict.failure or verdict.text,
         "files": [asdict(entry) for entry in files],
         "pages": [{"file": name, "sha256": sha256(data).hexdigest()} for name, data in pages],
     }
-    manifest = (json.dumps(listed, indent=2) + "\n").encode()
+    manifest = (json.dumps(entries, indent=2) + "\n").encode()
     contents |= {**dict(pages), MANIFEST_FILE: manifest}
     make_folder(out_dir, *{Path(name).parent.as_posix() for name in contents})
     paths = {out_dir / name: data for name, data in contents.items()}
@@ -151,7 +151,7 @@ def _pages(
 ) -> list[tuple[str, bytes]]:
     """Return the pages beside the parts' files: the order, the warning, the index."""
     pages = []
-    if verdict.whole:
+    if verdict.is_whole:
         bill = bom_lines(design).headed(verdict.failure or verdict.text)
         pages.append((BOM_FILE, bill.csv().encode()))
     if verdict.failed:

@@ -28,29 +28,29 @@ def render_index(
 
     Raises MissingLibrary without the extra `report`.
     """
-    made = {part.name: part for part in parts}
+    parts_by_name = {part.name: part for part in parts}
     sections = []
     for folder, title in FOLDER_TITLES.items():
         inside = [entry for entry in files if Path(entry.file).parent.name == folder]
         rows = []
         for name in dict.fromkeys(entry.part for entry in inside):
-            own = [entry for entry in inside if entry.part == name]
-            part = made.get(name)
-            low, high = own[0].bounding_box_mm
+            part_files = [entry for entry in inside if entry.part == name]
+            part = parts_by_name.get(name)
+            low, high = part_files[0].bounding_box_mm
             rows.append(
                 {
                     "part": name,
-                    "pieces": own[0].quantity,
-                    "material": own[0].material,
+                    "pieces": part_files[0].quantity,
+                    "material": part_files[0].material,
                     "size": [b - a for a, b in zip(low, high, strict=True)],
                     "how": part.making if part else "",
                     "check": part.look_for if part else "",
-                    "files": [entry.file for entry in own],
+                    "files": [entry.file for entry in part_files],
                 }
             )
-        others = [page for page in pages if Path(page).parent.name == folder]
-        if rows or others:
-            sections.append({"title": title, "rows": rows, "others": others})
+        other_pages = [page for page in pages if Path(page).parent.name == folder]
+        if rows or other_pages:
+            sections.append({"title": title, "rows": rows, "pages": other_pages})
     return render_page(
         "export.html", verdict.findings(), name=Path(verdict.name).stem, sections=sections
     )

@@ -60,8 +60,8 @@ class BoughtPart:
     def __str__(self) -> str:
         """Maker and order number, or else the words to search for."""
         if self.orderable:
-            made = self.maker != self.order_number and not self.maker.startswith("not ")
-            return f"{self.maker}: {self.order_number}" if made else self.order_number
+            has_maker = self.maker != self.order_number and not self.maker.startswith("not ")
+            return f"{self.maker}: {self.order_number}" if has_maker else self.order_number
         maker = "" if self.maker.startswith("not ") else f"{self.maker}; "
         return f"{maker}search: {self.search}"
 

@@ -34,7 +34,7 @@ from ..rule import PlayFit, at_most, below
 RELEASE_AGENT = "No release agent: it would lie between skin, film and coats."
 # By hand, least and most of a floor: wet sanding and a coat of lacquer make no finer ones; rougher
 # than SLA prints, or less flat than a print on edge, every skin is.
-FLATNESS_MM, ROUGHNESS_UM = (0.02, 0.2), (0.1, 3.2)
+FLOOR_FLATNESS_MM, ROUGHNESS_UM = (0.02, 0.2), (0.1, 3.2)
 # On edge: lying, each cavity would be a suction cup; upside down, its floor would need supports.
 MOLD_POSE = PrintPose(face="edge at -y", tilt_deg=90)
 
@@ -85,7 +85,7 @@ def rules(d: Design) -> Iterator[Check]:
     """Rules of the seat's depth, the notches, and what a floor can be."""
     mold = d.mold
     for key, value, unit, (finest, coarsest) in (
-        ("floor_flatness_mm", mold.floor_flatness_mm, "mm", FLATNESS_MM),
+        ("floor_flatness_mm", mold.floor_flatness_mm, "mm", FLOOR_FLATNESS_MM),
         ("floor_roughness_um", mold.floor_roughness_um, "um", ROUGHNESS_UM),
     ):
         yield at_most(f"{key}-least", f"finest with a coat, {unit}", finest, key, value)

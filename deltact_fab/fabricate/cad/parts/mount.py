@@ -115,9 +115,9 @@ def build(design: Design) -> Workplane:
             body = body.cut(cq.Workplane(cq.Solid.makeCylinder(radius_mm, long_mm, base, along)))
     pattern = design.mount.pattern
     if design.mount.kind == "flange" and pattern.pin_mm:
-        at = (pattern.pin_at_mm[0], design.flange_middle_mm)
+        centre_mm = (pattern.pin_at_mm[0], design.flange_middle_mm)
         low, deep = design.z_back_mm - 1, design.mount.height_mm + 2
-        body = body.cut(cylinders([at], pattern.pin_mm, low, deep))
+        body = body.cut(cylinders([centre_mm], pattern.pin_mm, low, deep))
     return body
 
 
@@ -157,11 +157,11 @@ def _pattern_rules(d: Design) -> Iterator[Check]:
     """Rules of a flange's size, the walls between its holes, its screws and its bending."""
     mount, pattern = d.mount, d.mount.pattern
     size, washer_mm = mount.pattern_size_mm, mount.thread.washer_mm
-    holes = [(at, mount.hole_mm, washer_mm) for at in pattern.centres_mm]
+    holes = [(centre, mount.hole_mm, washer_mm) for centre in pattern.centres_mm]
     holes += [(pattern.pin_at_mm, pattern.pin_mm, pattern.pin_mm)] if pattern.pin_mm else []
     pairs = [(math.dist(a, b), r, s, v, w) for (a, r, v), (b, s, w) in combinations(holes, 2)]
-    wall_mm = min(apart - (r + s) / 2 for apart, r, s, _, _ in pairs)
-    gap_mm = min(apart - (v + w) / 2 for apart, _, _, v, w in pairs)
+    wall_mm = min(mm - (r + s) / 2 for mm, r, s, _, _ in pairs)
+    gap_mm = min(mm - (v + w) / 2 for mm, _, _, v, w in pairs)
     (x0, _, z0), (x1, _, z1) = bars(d)[0]
     root_mm, width_mm = z1 - z0, x1 - x0
     # A cantilever from its screws, pressed in the middle of the face: 6 F l / (w h^2).
