@@ -38,8 +38,8 @@ exec "$@"
 
 def test_demo_makes_all_files(demo: Path) -> None:
     made = {f["file"] for f in json.loads((demo / "cad" / "manifest.json").read_text())["files"]}
-    assert {"assembly.step", "assembly.glb", "skin.stl", "shell.3mf", "acrylic.dxf"} <= made
-    assert {"cover.svg", "screw.step"} <= made
+    assert {"assembly/assembly.step", "assembly/assembly.glb", "assembly/skin.stl"} <= made
+    assert {"print/shell.3mf", "laser/acrylic.dxf", "print/cover.svg", "order/screw.step"} <= made
     assert all((demo / "cad" / name).stat().st_size > 1000 for name in made)
     assert (demo / "pattern" / "dense-with-dots.png").stat().st_size > 10_000
     page = (demo / "report.html").read_text()

@@ -203,7 +203,7 @@ def check(design: str, changes: tuple[str, ...]) -> Answer:
     from deltact_fab.fabricate import judge_design, load_design, shorten_key
 
     with progress("cad check") as tell:
-        verdict = judge_design(load_design(design, changes), design, tell)
+        verdict = judge_design(load_design(design, changes), design, tell, without_kernel=False)
     rows = verdict.rows
     data = [{**row.as_dict(), **of_part(row)} for row in rows]
     short_rows = (replace(r, basis=tuple(dict.fromkeys(map(shorten_key, r.basis)))) for r in rows)

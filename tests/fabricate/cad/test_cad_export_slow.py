@@ -68,9 +68,17 @@ def exported(run, tmp_path_factory):
     return folder, json.loads((folder / "manifest.json").read_text())["files"]
 
 
+def paths(folder):
+    """Files below a folder, relative to it."""
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
 def test_second_export_uses_cache_only(exported, run, tmp_path):
     assert not run(tmp_path, 1)
-    first, second = ({p.name: p.read_bytes() for p in f.iterdir()} for f in (exported[0], tmp_path))
+    first, second = (
+        {name: (folder / name).read_bytes() for name in paths(folder)}
+        for folder in (exported[0], tmp_path)
+    )
     assert len(first) > 100
     assert [name for name in first if first[name] != second.get(name)] == []
 
@@ -78,17 +86,18 @@ def test_second_export_uses_cache_only(exported, run, tmp_path):
 def test_folder_contents_and_manifest(exported):
     folder, entries = exported
     by_file = {entry["file"]: entry for entry in entries}
-    assert {*by_file, "manifest.json"} == {path.name for path in folder.iterdir()}
+    assert {*by_file, "manifest.json", "index.html"} == paths(folder)
     assert str(folder.parent) not in (folder / "manifest.json").read_text()
     for name, entry in by_file.items():
         assert entry["sha256"] == hashlib.sha256((folder / name).read_bytes()).hexdigest()
-    assert {n for n in by_file if n.startswith("acrylic.")} == {
-        f"acrylic.{k}" for k in EXPORT_FORMATS
+    assert {n for n in by_file if n.startswith("laser/acrylic.")} == {
+        f"laser/acrylic.{k}" for k in EXPORT_FORMATS
     }
-    assert {n for n in by_file if n.startswith("screw.")} == {"screw.step", "screw.glb"}
-    assert by_file["screw.step"]["quantity"] == 4
-    assert by_file["screw.step"]["mesh_deviation_mm"] is None
-    low, high = by_file["assembly.glb"]["bounding_box_mm"]
+    screws = {"order/screw.step", "order/screw.glb"}
+    assert {n for n in by_file if n.startswith("order/screw.")} == screws
+    assert by_file["order/screw.step"]["quantity"] == 4
+    assert by_file["order/screw.step"]["mesh_deviation_mm"] is None
+    low, high = by_file["assembly/assembly.glb"]["bounding_box_mm"]
     size_mm = [b - a for a, b in zip(low, high, strict=True)]
     assert size_mm == pytest.approx(load_design().outer_mm)
 
@@ -99,9 +108,8 @@ def test_bytes_are_independent_of_order(exported, tmp_path):
     for kinds in (EXPORT_FORMATS[:1], EXPORT_FORMATS[4:], EXPORT_FORMATS[1:4]):
         some = tmp_path / kinds[0]
         export_parts(load_design(), parts, kinds, 0.01, some, cached=False, jobs=1)
-        for path in some.iterdir():
-            if path.name != "manifest.json":
-                assert path.read_bytes() == (exported[0] / path.name).read_bytes(), path.name
+        for name in paths(some) - {"manifest.json", "index.html"}:
+            assert (some / name).read_bytes() == (exported[0] / name).read_bytes(), name
 
 
 @pytest.mark.skipif(shutil.which("ps") is None, reason="ps is not installed (procps)")
@@ -146,7 +154,7 @@ entry()
         assert process.returncode == 0
         assert all(line.startswith("cad export: ") for line in errors.splitlines())
         listed = json.loads((tmp_path / "o/manifest.json").read_text())["files"]
-        assert {one["file"] for one in listed} < {p.name for p in (tmp_path / "o").iterdir()}
+        assert {one["file"] for one in listed} < paths(tmp_path / "o")
 
 
 def _workers(group):
@@ -276,7 +284,8 @@ def test_prusa_slicer_slices_without_warning(exported, tmp_path, name):
     bed += ["--display-width", f"{x:g}", "--display-height", f"{y:g}", "--max-print-height", "175"]
     told = _said(
         "prusa-slicer", "--export-sla", "--printer-technology", "SLA", *bed,
-        "--output", str(tmp_path / "part.sl1"), str(exported[0] / f"{name}.3mf"), cwd=tmp_path,
+        "--output", str(tmp_path / "part.sl1"), str(exported[0] / f"print/{name}.3mf"),
+        cwd=tmp_path,
     )  # fmt: skip
     assert [line for line in told.splitlines() if not CONTENT.match(line)] == []
     assert "Slicing result exported" in told

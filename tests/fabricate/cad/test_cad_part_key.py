@@ -155,7 +155,7 @@ def _ran(changes):
 
 CODE = """
 import sys
-from deltact_fab.fabricate import check_design
+from deltact_fab.fabricate.cad.check import check_design
 from deltact_fab.fabricate.cad.design import IndenterList, ListedIndenter, load_design
 one = IndenterList(indenter=(ListedIndenter("sphere:10"),))
 rows = check_design(load_design(), indenters=one, cached=True)

@@ -90,12 +90,14 @@ def judge_design(
     progress: Progress | None = None,
     parts: Iterable[Part] | None = None,
     cached: bool = True,
+    without_kernel: bool = True,
 ) -> DesignVerdict:
     """Return the verdict of every check of a design.
 
     name: of its file, by which a remedy knows what was changed. parts: only the rules and the
-    solids of these parts; None: all. progress, cached: as in `check_design`. Without the CAD kernel
-    the checks on solids are a row that was not run.
+    solids of these parts; None: all. progress, cached: as in `check_design`. without_kernel:
+    without the CAD kernel the checks on solids are a row that was not run; False: MissingLibrary is
+    raised.
     """
     bases = reference_designs(name, design)
     try:
@@ -109,5 +111,7 @@ def judge_design(
         if facts is not None:
             facts.save()
     except MissingLibrary as error:
+        if not without_kernel:
+            raise
         solids = [not_run(len(SOLID_CHECKS), str(error))]
     return DesignVerdict(name, (*check_arithmetic(design, bases), *solids), is_whole=parts is None)
