@@ -82,7 +82,7 @@ def test_invalid_wish_is_one_line(face, share, says):
 
 def test_new_file_reloads_same_design(tmp_path):
     wish = Wish.parse("24x24")
-    path = write("tip", out=tmp_path / "tip.toml", solved=find_design(wish, BASE), head=["Why."])
+    path = write("tip", out=tmp_path / "tip.toml", solution=find_design(wish, BASE), head=["Why."])
     assert load_design(str(path)) == find_design(wish, BASE)
     assert path.read_text().startswith("# Why.\n")
     text = path.read_text()
