@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from deltact_fab.common import Check, RunFailed, graded
 
 from ..dimensions import Design
-from ..drafting.scheme import scheme
 from ..kernel import flaw_of
 from ..overhangs import MIN_CONTACT_MM2, PlatformContact, find_contact, lay_on_platform
 from ..part import LASER_CUT, MACHINED_PROCESS, PART_GROUPS, PRINT_PROCESS, Part
@@ -84,6 +83,8 @@ def drawings(model: BuiltDesign) -> Iterator[Check]:
 
 def _planned(model: BuiltDesign, part: Part) -> tuple[list[str], int]:
     """Return faults of a drawing's plan, and its number of lengths and labels."""
+    from ..drafting.scheme import scheme
+
     assert part.callouts is not None
     plan = scheme(model.features(part.name), part.callouts(part.source(model.design)))
     return list(plan.faults), len(plan.lengths) + len(plan.rounds)
