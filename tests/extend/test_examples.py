@@ -32,7 +32,7 @@ def test_part_has_calculated_volume(tmp_path: Path) -> None:
     solid_mm3, formula_mm3 = load("build_a_part").main(tmp_path / "out")
     assert solid_mm3 == pytest.approx(formula_mm3, rel=1e-6)
     assert 0.9 < solid_mm3 / (36 * 34 * 14) < 1  # the box, less a step and round corners
-    assert {p.suffix for p in (tmp_path / "out").iterdir()} >= {".step", ".stl"}
+    assert {p.suffix for p in (tmp_path / "out").rglob("*")} >= {".step", ".stl"}
 
 
 @pytest.mark.slow

@@ -131,16 +131,16 @@ def light(of: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Paint:
     return lambda values, x, y: values * of(x, y)[..., None]
 
 
-def ring_without(led: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Five bulbs on a circle of 9 mm, 10 mm behind the face, each falling off as cos^4."""
+def ring_without(cut: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Two cuts of three bulbs on a circle of 9 mm, 10 mm behind the face, falling off as cos^4."""
 
     def of(x, y):
         light, whole = np.zeros_like(x), np.zeros_like(x)
-        for k in range(5):
-            a = 2 * np.pi * k / 5
+        for k in range(6):
+            a = 2 * np.pi * k / 6
             d2 = (x - 9 * np.cos(a)) ** 2 + (y - 9 * np.sin(a)) ** 2 + 100
             whole += 1 / d2**2
-            light += (k != led) / d2**2
+            light += (k // 3 != cut) / d2**2
         return light / whole.max()
 
     return of
@@ -173,8 +173,8 @@ BAD: dict[str, tuple[Made, tuple[str, ...], dict[str, Any]]] = {
     "lens tilted by 2.6 degrees": (
         Made(lens=(("tilt_x_deg", 2.6),)), ("lens square to the face",),
         {"keystone": pytest.approx(0.066, abs=0.01)}),
-    "one LED dead": (
-        Made(paint=(light(ring_without(3)),)), ("light, all LEDs", "light, even"), {}),
+    "one cut dark": (
+        Made(paint=(light(ring_without(1)),)), ("light, all LEDs", "light, even"), {}),
     "diffuser missing": (
         Made(paint=(light(lambda x, y: np.exp(-(x**2 + y**2) / 160)),)), ("light, even",), {}),
     "over-exposed": (
