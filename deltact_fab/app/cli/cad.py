@@ -104,8 +104,8 @@ def new(
     from deltact_fab.fabricate import Wish, load_design, solve_wish
 
     start = load_design(base)
-    if share is None:
-        share = 0.55 if face else start.optics.least_view_share
+    if share is None and face is None:
+        share = start.optics.least_view_share
     face = face or f"{start.skin.width_mm:g}x{start.skin.length_mm:g}"
     wish = Wish.parse(face, share, camera, gel, mount, cable)
     if (file := new_file("design", name, out)).exists():
@@ -246,7 +246,9 @@ def export(
             force=force,
         )  # fmt: skip
     plain = [asdict(f) for f in files]
-    summary = f"{len(files)} files, manifest.json and index.html in {out}"
+    # The index needs the extra `report`.
+    pages = ", ".join(n for n in ("manifest.json", "index.html") if (out / n).is_file())
+    summary = f"{len(files)} files, {pages} in {out}"
     lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
     return Answer(plain, [judge().headline, "", *lines, "", summary])
 

@@ -73,10 +73,11 @@ class Wish:
 
     @classmethod
     def parse(
-        cls, face: str, share: float = DEFAULT_SHARE, camera: str | None = None,
+        cls, face: str, share: float | None = None, camera: str | None = None,
         gel_mm: float | None = None, holes: str | None = None, cable_side: str | None = None,
     ) -> Wish:  # fmt: skip
-        """Parse requirements as typed. Raises InputError for an invalid one."""
+        """Parse requirements as typed; share None: DEFAULT_SHARE. Raises InputError."""
+        share = DEFAULT_SHARE if share is None else share
         try:
             width, length = (float(word) for word in face.lower().split("x"))
         except ValueError:
@@ -372,11 +373,17 @@ def _largest_view(design: Design, share: float) -> Any:
 
 def apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choices | None:
     """Apply the first possible remedy of a failed check; None if none is left."""
-    changed = (remedy(choices, design, wish) for remedy in CHECK_REMEDIES.get(id, ()))
-    return next((choices for choices in changed if choices is not None), None)
+    return _first_possible(CHECK_REMEDIES.get(id, ()), choices, design, wish)
 
 
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
+
+
+def _first_possible(
+    remedies: Sequence[Remedy], choices: Choices, design: Design, wish: Wish
+) -> Choices | None:
+    changed = (remedy(choices, design, wish) for remedy in remedies)
+    return next((choices for choices in changed if choices is not None), None)
 
 
 def _next_value(name: str, values: Sequence[float]) -> Remedy:
@@ -429,8 +436,7 @@ def _stiffer_plate(choices: Choices, design: Design, wish: Wish) -> Choices | No
     remedies = [_next_value("sheet_mm", SHEETS_MM), _next_value("ledge_mm", LEDGES_MM)]
     if yields[0] > 2 * yields[1]:
         remedies.reverse()
-    changed = (remedy(choices, design, wish) for remedy in remedies)
-    return next((choices for choices in changed if choices is not None), None)
+    return _first_possible(remedies, choices, design, wish)
 
 
 def _smaller_mold(choices: Choices, design: Design, wish: Wish) -> Choices | None:

@@ -15,7 +15,7 @@ from deltact_fab.common import InputError, Progress
 from deltact_fab.sensor import GelMaterial, LayeredPath, flat_punch_n_per_mm
 
 from .check.verdict import DesignVerdict, judge_design
-from .check.visibility import sharp_depth_mm
+from .check.visibility import raw_mm_per_px, sharp_depth_mm
 from .design import load_cameras
 from .dimensions import Design
 from .intent import GEL_RANGE_MM, Choices, Unsolved, Wish, apply_remedy, find_design, search_choices
@@ -79,7 +79,7 @@ def _figures(design: Design) -> Iterator[tuple[str, float, str]]:
         yield f"outer size, {axis}", side, "mm"
     share = math.prod(optics.view_mm) / (skin.width_mm * skin.length_mm)
     yield "share of the face in view", share, ""
-    yield "raw pixel on the face", design.eye_distance_mm / design.focal_px, "mm"
+    yield "raw pixel on the face", raw_mm_per_px(design), "mm"
     yield "gel", skin.thickness_mm, "mm"
     yield "depth of a press, largest", plate.depth_mm, "mm"
     yield "depth of field, into the gel", min(sharp_depth_mm(design), skin.thickness_mm), "mm"

@@ -13,7 +13,7 @@ from ..parts.light_holder import WIRE_COLOURS, WIRE_SIZE
 from .page import FORMATS_MM, TEXT_LINE_MM, TEXT_MM, TITLE_MM, DrawingPage, draw_frame, wrapped
 
 WIRING_SHEET = "A4"
-# By hand, mm on an A4 sheet: most cuts, and LEDs of a cut, shown_leds one by one; no overlaps.
+# By hand, mm on an A4 sheet: most cuts, and LEDs of a cut, drawn one by one; no overlaps.
 MAX_DRAWN_CUTS, MAX_DRAWN_LEDS, LED_STEP_MM = 6, 3, 8.5
 PLUS_Y, MINUS_Y, CABLE_Y = 48.0, 94.0, 120.0
 LEFT_X, SUPPLY_X, RESISTOR_X, WALL_X, RING_X, RIGHT_X = 18.0, 52.0, 74.0, 142.0, 168.0, 281.0
@@ -50,7 +50,7 @@ def wiring(design: Design) -> DrawingPage:
     for i, x in enumerate(xs, 1):
         _cut(page, x, f"cut {light.cuts if i == count else i}", light.leds_per_cut)
     if light.cuts > count:
-        # Dots stand for the cuts not shown_leds.
+        # Dots stand for the cuts not drawn.
         for shift in (-2.0, 0.0, 2.0):
             page.circle(((xs[-2] + xs[-1]) / 2 + shift, PLUS_Y + 10), 0.4, "visible")
     page.group = "walls"
