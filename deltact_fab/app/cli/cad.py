@@ -246,9 +246,8 @@ def export(
             force=force,
         )  # fmt: skip
     plain = [asdict(f) for f in files]
-    # The index needs the extra `report`.
-    pages = ", ".join(n for n in ("manifest.json", "index.html") if (out / n).is_file())
-    summary = f"{len(files)} files, {pages} in {out}"
+    index = ", index.html" * (out / "index.html").is_file()  # needs the extra `report`
+    summary = f"{len(files)} files, manifest.json{index} in {out}"
     lines = columns_of(("file", "quantity", "process", "volume_mm3", "mesh_deviation_mm"), plain)
     return Answer(plain, [judge().headline, "", *lines, "", summary])
 
@@ -275,7 +274,7 @@ def bom(
     with progress("cad check") as tell:
         verdict = judge_design(dims, design, tell)
     verdict.require(force)
-    bill = bill.headed(verdict.failure or verdict.text)
+    bill = bill.headed(verdict.headline)
     plain = [asdict(line) for line in bill]
     if out is not None:
         text = bill.csv() if out.suffix == ".csv" else json.dumps(plain, indent=1) + "\n"

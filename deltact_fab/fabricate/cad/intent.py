@@ -379,10 +379,8 @@ def apply_remedy(choices: Choices, id: str, design: Design, wish: Wish) -> Choic
 Remedy = Callable[[Choices, Design, Wish], "Choices | None"]
 
 
-def _first_possible(
-    remedies: Sequence[Remedy], choices: Choices, design: Design, wish: Wish
-) -> Choices | None:
-    changed = (remedy(choices, design, wish) for remedy in remedies)
+def _first_possible(remedies: Sequence[Remedy], *state: Any) -> Choices | None:
+    changed = (remedy(*state) for remedy in remedies)
     return next((choices for choices in changed if choices is not None), None)
 
 

@@ -145,16 +145,14 @@ class Part:
     indenter its `indenter`. quantity: pieces for one sensor, one mold or one test bench.
     spares: further pieces to order, once. number: in the paper's exploded view, 0 if not numbered.
     explode_mm: shift along z in the exploded view; also orders the parts of a group, face first.
-    colour: sRGB and opacity in
-    pictures. places: translations of its pieces in the sensor.
-    fits: its mating pairs with other parts, each pair listed by one of the two.
-    sections: sections of a design that it is made from. derived: lengths of Design that it uses.
-    rules: its inequalities. wall_keys: keys of its designed wall thicknesses, of which the
-    smallest counts; the process may require more. in_view: it is between lens and face and could
-    obstruct the view.
-    callouts: content of its drawing; None without a drawing. note: in the bill of materials, with
-    values of the design in braces (`{d.table.screw} screws`), or a function. pose: on the printer.
-    how: further instructions for making it; look_for: inspection afterwards.
+    colour: sRGB and opacity in pictures. places: translations of its pieces in the sensor. fits:
+    its mating pairs with other parts, each pair listed by one of the two. sections: sections of a
+    design that it is made from. derived: lengths of Design that it uses. rules: its inequalities.
+    wall_keys: keys of its designed wall thicknesses, of which the smallest counts; the process may
+    require more. in_view: it is between lens and face and could obstruct the view. callouts:
+    content of its drawing; None without a drawing. note: in the bill of materials, with values of
+    the design in braces (`{d.table.screw} screws`), or a function. pose: on the printer. how:
+    further instructions for making it; look_for: inspection afterwards.
     """
 
     name: str

@@ -251,7 +251,7 @@ def test_failing_design_needs_force(tmp_path):
     written = _bytes(tmp_path / "o")
     marked = ("index.html", "laser/acrylic.svg", "NOT-TO-BE-BUILT.txt")
     assert all(b"NOT TO BE BUILT" in written[name] for name in marked)
-    assert json.loads(written["manifest.json"])["verdict"].startswith("design: 4/")
+    assert json.loads(written["manifest.json"])["verdict"].startswith("NOT TO BE BUILT: design: 4/")
     export_parts(DESIGN, parts, ["svg"], 0.01, tmp_path / "o")
     mended = _bytes(tmp_path / "o")
     assert "NOT-TO-BE-BUILT.txt" not in mended

@@ -133,7 +133,7 @@ def export_parts(
     contents = {entry.file: data for entry, data in results}
     pages = _pages(design, list(unique), files, verdict)
     entries = {
-        "verdict": verdict.failure or verdict.text,
+        "verdict": verdict.headline,
         "files": [asdict(entry) for entry in files],
         "pages": [{"file": name, "sha256": sha256(data).hexdigest()} for name, data in pages],
     }
@@ -152,7 +152,7 @@ def _pages(
     """Return the pages beside the parts' files: the order, the warning, the index."""
     pages = []
     if verdict.is_whole:
-        bill = bom_lines(design).headed(verdict.failure or verdict.text)
+        bill = bom_lines(design).headed(verdict.headline)
         pages.append((BOM_FILE, bill.csv().encode()))
     if verdict.failed:
         text = "\n".join(str(row.value) for row in verdict.findings())
