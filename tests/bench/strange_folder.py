@@ -253,12 +253,20 @@ def whole(victim: Path) -> bool:
     return len(found) == 5 and set(found.values()) == {b"precious"}
 
 
-if __name__ == "__main__":  # all commands on spoiled runs: case, command, code, words, MB
+def memory_mb(name: str) -> int:
+    """A figure of this process, from Linux."""
+    status = Path("/proc/self/status").read_text()
+    return int(re.findall(rf"{name}:\s+(\d+)", status)[0]) // 1024
+
+
+if __name__ == "__main__":  # all commands on spoiled runs: case, command, code, words, MB it took
     for home in map(Path, sys.argv[1:]):
         for k, words in enumerate(COMMANDS):
             if words[0] in ("report", "analyze") and home.name.startswith(LATE):
                 continue
+            Path("/proc/self/clear_refs").write_text("5")  # the peak begins again
+            before_mb = memory_mb("VmRSS")
             code, text = outcome(words, home / "run", home / f"out{k}")
-            peak_kb = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[0]
-            row = [home.name, " ".join(words[:2]), code, text, int(peak_kb) // 1024]
+            swell_mb = memory_mb("VmHWM") - before_mb
+            row = [home.name, " ".join(words[:2]), code, text, swell_mb]
             print(json.dumps(row), flush=True)

@@ -84,12 +84,13 @@ def test_no_command_hangs_or_swells(tiny: ShortRun, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert Counter(row[0] for row in rows).keys() == {home.name for home in homes}
-    for case, command, code, text, peak_mb in rows:
+    for case, command, code, text, swell_mb in rows:
         assert code in (0, 1, 2), (case, command, text)
         assert "Traceback" not in text, (case, command, text)
         if code == 1:
             assert "DAMAGED" in text or case == "truth shape", (case, command, text)
-        assert peak_mb < 600, (case, command)  # the commands alone take 440
+        # The commands alone take 160 with what they import, 300,000 faults 220; 700 are unpacked.
+        assert swell_mb < 400, (case, command)
     assert all(whole(home / "victim") for home in homes)
 
 

@@ -11,6 +11,7 @@
  *   V4L2_SAME   images equal from here on             V4L2_SHORT  images cut short from here on
  *   V4L2_CLOCK  1: stamps of the time of day          V4L2_STEP   steps of the gain (1)
  *   V4L2_BARE   1: no control but the exposure        V4L2_KEEP   1: that stays automatic
+ *   V4L2_WAIT   1: an image waits for a free buffer, so that a busy machine loses none
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -108,10 +109,11 @@ static void *run(void *nothing) {
         due.tv_nsec %= 1000000000;
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, NULL);
         pthread_mutex_lock(&lock);
-        long number = sequence++;
+        int early = set("V4L2_WAIT", 0) && !n_waiting;
+        long number = early ? -1 : (long)sequence++;
         if (from(number, "V4L2_GONE")) gone = 1;
         int silent = is(number, "V4L2_SKIP") || from(number, "V4L2_STALL");
-        if (!gone && !silent && n_waiting) {
+        if (!gone && !silent && !early && n_waiting) {
             int k = waiting[0];
             memmove(waiting, waiting + 1, --n_waiting * sizeof *waiting);
             size_t used = draw(memory[k], number);
