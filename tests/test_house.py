@@ -195,7 +195,7 @@ def test_one_file_locates_the_package(sources: Sources) -> None:
 CEILINGS = {
     ("deltact_fab", "lines"): 73744,
     ("deltact_fab", "files"): 413,
-    ("tests", "lines"): 42373,
+    ("tests", "lines"): 42384,
 }
 
 

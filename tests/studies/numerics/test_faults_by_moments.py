@@ -57,7 +57,8 @@ def cell(matrix: FaultMatrix, of: FaultKind, moment: str) -> FaultOutcome:
 @pytest.mark.parametrize(
     ("name", "moment"),
     [("false alarm", TRAVEL), ("force over the limit", PRESS),
-     ("force frozen", TRAVEL), ("force values frozen", PRESS), ("scale stuck", PRESS),
+     pytest.param("force frozen", TRAVEL, marks=pytest.mark.slow),
+     pytest.param("force values frozen", PRESS, marks=pytest.mark.slow), ("scale stuck", PRESS),
      pytest.param("doubled ok", DRAG, marks=pytest.mark.slow),
      pytest.param("disk full", DRAG, marks=pytest.mark.slow)],
 )  # fmt: skip
