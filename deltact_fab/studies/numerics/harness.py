@@ -6,15 +6,18 @@ within its bound or refused; anything else is wrong.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
 import os
 import platform
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from deltact_fab.common import InputError, Progress, RunFailed, did_you_mean, open_executor
@@ -193,10 +196,24 @@ def curve_rows(
         yield {"engine": name, **row}
 
 
+def clear_caches(folder: Path) -> None:
+    """Empty this process's caches: the store, which gets a new folder, and those of `functools`.
+
+    Machine code stays compiled.
+    """
+    os.environ["DELTACT_FAB_CACHE"] = tempfile.mkdtemp(dir=folder)
+    for module in [m for m in sys.modules.values() if isinstance(m, ModuleType)]:
+        for value in list(vars(module).values()):
+            for member in (value, *(vars(value).values() if isinstance(value, type) else ())):
+                cached = getattr(member, "__func__", member)
+                if isinstance(cached, functools._lru_cache_wrapper):
+                    cached.cache_clear()
+
+
 def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     """Row of one setting of a module, timed after a warm-up call; runs in its process.
 
-    cpu_s, cpu_most_s: best and slowest of `repeats`; other load only adds time. wall_s: best.
+    No call finds an earlier one's results: caches are emptied before each. cpu_s, cpu_most_s: best and slowest of `repeats`; other load only adds time. wall_s: best.
     compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches). peak_mb: memory
     beyond libraries and inputs. error, reference_error: in `unit`. kind: of the reference.
     """
@@ -204,12 +221,14 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
     setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
     work = setting.build(scratch)
     before_mb = reset_peak_mb()
+    clear_caches(scratch)
     start_s = time.process_time()
     result = work.run()
     first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
     while len(cpu_s) < MIN_REPEATS or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+        clear_caches(scratch)
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         result = work.run()
         wall_s.append(time.perf_counter() - start_s)

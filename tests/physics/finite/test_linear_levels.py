@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from axisymmetric import Cylinder, graded
 
+from benchmarks.gel_axisymmetric import Ball, Cylinder, graded
 from deltact_fab.physics.gel.level import Reach, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
@@ -62,7 +62,7 @@ def held(nu: float, thickness: float, radius: float, depth: float) -> Held:
     contact = np.sqrt(radius * depth)
     # Nearly incompressible, the twin's Newton takes short steps only.
     step = contact / 30 if nu > 0.49 else None
-    true = body(FACE_MM, thickness, nu, contact).press(radius, [depth], step)[0]
+    true = body(FACE_MM, thickness, nu, contact).press(Ball(radius), [depth], step)[0]
     reach, indenter = Reach(deepest_mm=depth), parse_indenter(f"sphere:{2 * radius:g}")
     scene = skin, GelMaterial(poisson=nu), indenter
     choice = select_level(*scene, reach, level="linear", friction=0.0, spacing_mm=0.25)

@@ -8,8 +8,8 @@ to 0.9 % above.
 
 import numpy as np
 import pytest
-from axisymmetric import Cylinder, cylinder, graded
 
+from benchmarks.gel_axisymmetric import Ball, Cylinder, cylinder, graded
 from deltact_fab.physics.gel.press import press_gel
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes import indenter
@@ -22,7 +22,7 @@ TWIN_N = np.array([3.4087, 10.6446, 20.8940, 33.6147, 48.3019])
 
 @pytest.fixture(scope="module")
 def twin():
-    return cylinder(0.5, RADIUS, THICKNESS).press(SPHERE, DEPTHS)
+    return cylinder(0.5, RADIUS, THICKNESS).press(Ball(SPHERE), DEPTHS)
 
 
 # -- the twin itself ----------------------------------------------------------------------------
@@ -63,7 +63,7 @@ def test_twin_is_exact_at_homogeneous_strain():
 def test_twin_light_touch_agrees_with_hertz():
     """a/h = 1/160: F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5; the base adds about a / h to it."""
     lines = np.append(graded(72.0, 0.1, 1.0, growth=1.4, most=200.0), 80.0)
-    touch = Cylinder(lines, -lines[::-1], 1.0, 0.3).press(5.0, [0.05], step_mm=0.01)[0]
+    touch = Cylinder(lines, -lines[::-1], 1.0, 0.3).press(Ball(5.0), [0.05], step_mm=0.01)[0]
     hertz = 4 / 3 / (1 - 0.3**2) * np.sqrt(5.0) * 0.05**1.5
     assert touch.force_n == pytest.approx(hertz, rel=0.02)
 
@@ -87,7 +87,7 @@ def estimated(nu, thickness, radius, depth, friction):
     r = graded(side / np.sqrt(np.pi), cell, 10 * cell, growth=1.35, most=24.0)
     z = -graded(thickness, cell, 4 * cell, growth=1.35, most=12.0)[::-1]
     true = Cylinder(r, z, 0.56, nu).press(
-        radius, [depth], step_mm=0.3 * cell, friction=friction,
+        Ball(radius), [depth], step_mm=0.3 * cell, friction=friction,
         closed_mm=1e-4 if friction else 1e-5,
     )[0].force_n  # fmt: skip
     ball = indenter.parse_indenter(f"sphere:{2 * radius:g}")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from axisymmetric import cylinder
 
+from benchmarks.gel_axisymmetric import Ball, cylinder
 from deltact_fab.common.aliases import Point
 from deltact_fab.physics.gel.level import GelContact, Reach, State, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
@@ -77,7 +77,7 @@ def test_ball_area_against_axisymmetric_twin(name: str, depth_mm: float) -> None
 
 @pytest.mark.evidence
 def test_twin_rim_at_coarse_cells() -> None:
-    got = cylinder(0.5, float(np.sqrt(36 * 34 / np.pi)), 12.0).press(7.5, [1.0, 1.5])
+    got = cylinder(0.5, float(np.sqrt(36 * 34 / np.pi)), 12.0).press(Ball(7.5), [1.0, 1.5])
     for one in got:
         low, high = RIM_MM["sphere:15", one.depth_mm]
         assert one.rim_mm[0] - 0.05 < low < high < one.rim_mm[1] + 0.05

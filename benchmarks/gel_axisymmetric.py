@@ -1,4 +1,4 @@
-"""A cylinder under a rigid sphere, solved on its own: axisymmetric, finite strain, friction.
+"""A cylinder of gel under a ball or a flat punch: axisymmetric, finite strain, friction.
 
 Shares no line with `deltact_fab.physics.gel.finite`. Nine-node quadrilaterals in (r, z); energy
     mu/2 (I1 - 3) - mu ln J + lambda/2 P(ln J)^2,
@@ -7,11 +7,14 @@ augmented Lagrange at two points an edge, so that no penalty is left in the answ
 For lambda/2 ln(J)^2 this is the exact stationary value over a discontinuous linear pressure.
 Friction: what sticks does not move against the sphere within a step, by the same multipliers, up to
 friction times the pressure; of first order in the steps.
+
+A flat needs cells at its rim that resolve its edge (`rim_lines`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -44,9 +47,42 @@ def graded(
     return np.concatenate([[0.0], np.cumsum(steps + [s * scale for s in rest])])
 
 
+class Tool(Protocol):
+    """A rigid body, by its distance from points (e, q, 2), r and z above its lowest point."""
+
+    def gap(self, points_mm: Field) -> tuple[Field, Field, Field]:
+        """Distance and curvature 1/(radius + distance) (e, q), unit normal (e, q, 2)."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    radius_mm: float
+
+    def gap(self, points_mm: Field) -> tuple[Field, Field, Field]:
+        from_centre = points_mm - np.array([0.0, self.radius_mm])
+        size = np.linalg.norm(from_centre, axis=-1)
+        return size - self.radius_mm, 1 / size, from_centre / size[..., None]
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A round punch with a rounded edge."""
+
+    radius_mm: float
+    edge_mm: float
+
+    def gap(self, points_mm: Field) -> tuple[Field, Field, Field]:
+        foot_mm = self.radius_mm - self.edge_mm
+        size, curvature, normal = Ball(self.edge_mm).gap(points_mm - np.array([foot_mm, 0.0]))
+        below = points_mm[..., 0] < foot_mm
+        flat = np.where(below[..., None], np.array([0.0, -1.0]), normal)
+        distance = np.where(below, -points_mm[..., 1], size)
+        return distance, np.where(below, 0.0, curvature), flat
+
+
 @dataclass
 class Rub:
-    """Friction of one step at the edges' points. at (e, q, 2): from the sphere's centre at its
+    """Friction of one step at the edges' points. at (e, q, 2): from the tool's lowest point at its
     start; along (e, q, 2): tangent there; shear, bound (e, q): multipliers and their limit, MPa."""
 
     at: Field
@@ -60,7 +96,7 @@ class Rub:
 
 @dataclass(frozen=True)
 class Pressed:
-    """depth_mm; force_n: on the sphere, upwards; r_mm, u_r_mm, u_z_mm: at the face's nodes;
+    """depth_mm; force_n: on the tool, upwards; r_mm, u_r_mm, u_z_mm: at the face's nodes;
     penetration_mm: deepest at the contact points; iterations: Newton's, of this depth;
     rim_mm: where the last point under pressure and the first without have come to."""
 
@@ -171,31 +207,25 @@ class Cylinder:
         whole = np.matmul(np.swapaxes(self.w[..., None] * self.phi, 1, 2), cb)
         return energy, force, k + self.lam * np.matmul(np.swapaxes(whole, 1, 2), whole)
 
-    def away(self, u: Field, radius: float, depth: float) -> Field:
-        """Edge points (e, q, 2) from the sphere's centre."""
+    def away(self, u: Field, depth: float) -> Field:
+        """Edge points (e, q, 2) from the tool's lowest point."""
         at = np.einsum("qa,eai->eqi", self.edge_value, (self.nodes + u)[self.edges])
-        return at - np.array([0.0, radius - depth])
-
-    def gaps(self, u: Field, radius: float, depth: float) -> tuple[Field, Field]:
-        """Distance from the sphere and unit normal at the edge points (e, 2)."""
-        away = self.away(u, radius, depth)
-        size = np.linalg.norm(away, axis=2)
-        return size - radius, away / size[..., None]
+        return at + np.array([0.0, depth])
 
     def contact(
-        self, u: Field, radius: float, depth: float, multiplier: Field, k: float,
+        self, u: Field, tool: Tool, depth: float, multiplier: Field, k: float,
         rub: Rub | None = None,
     ) -> tuple[float, Field, Field]:  # fmt: skip
         """Augmented potential, edge forces (e, 6) and stiffnesses (e, 6, 6)."""
-        g, n = self.gaps(u, radius, depth)
+        g, curvature, n = tool.gap(self.away(u, depth))
         p = np.maximum(multiplier - k * g, 0.0)
         energy = float((self.edge_w * (p**2 - multiplier**2)).sum() / (2 * k))
         pull = -p[..., None] * n
         nn = n[..., :, None] * n[..., None, :]
-        bend = (np.eye(2) - nn) / (g + radius)[..., None, None]
+        bend = (np.eye(2) - nn) * curvature[..., None, None]
         block = (k * (p > 0))[..., None, None] * nn - p[..., None, None] * bend
         if rub is not None:
-            y, b, t = rub.trial(self.away(u, radius, depth), k), rub.bound, rub.along
+            y, b, t = rub.trial(self.away(u, depth), k), rub.bound, rub.along
             held = np.abs(y) <= b
             huber = np.where(held, y**2 / 2, b * (np.abs(y) - b / 2))
             energy += float((self.edge_w * huber).sum()) / k
@@ -208,7 +238,7 @@ class Cylinder:
         return energy, force.reshape(-1, 6), ke.reshape(-1, 6, 6)
 
     def press(
-        self, radius_mm: float, depths_mm: list[float], step_mm: float | None = None,
+        self, tool: Tool, depths_mm: list[float], step_mm: float | None = None,
         penalty: float | None = None, closed_mm: float = 1e-5, friction: float = 0.0,
     ) -> list[Pressed]:  # fmt: skip
         """Solve at increasing depths; closed_mm: what points under pressure may overlap or gape.
@@ -216,7 +246,7 @@ class Cylinder:
         step_mm (if not given 0.6 cell, at most 0.25) and penalty in MPa/mm (50 mu / cell) change
         the work, not the answer. RuntimeError where it does not converge.
         """
-        cell = float(self.nodes[self.edges[0, 2], 0])
+        cell = float(np.ptp(self.nodes[self.edges][..., 0], axis=1).min())
         penalty = 50 * self.mu / cell if penalty is None else penalty
         step_mm = min(0.25, 0.6 * cell) if step_mm is None else step_mm
         u = last = np.zeros_like(self.nodes)
@@ -227,22 +257,22 @@ class Cylinder:
             for i in range(1, n + 1):
                 old, depth = depth, before + (goal - before) * i / n
                 if friction > 0:
-                    normal = self.gaps(u, radius_mm, old)[1]
+                    normal = tool.gap(self.away(u, old))[2]
                     along = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
-                    rub = Rub(self.away(u, radius_mm, old), along, shear, friction * multiplier)
+                    rub = Rub(self.away(u, old), along, shear, friction * multiplier)
                 # A start that overlaps by a whole step crushes the cells under the face.
                 ahead = 2 * u - last
                 u, last = (ahead if np.isfinite(self.bulk(ahead, False)[0]) else u), u
                 # Only the depths asked for need the constraint closed.
                 for _ in range(60 if i == n else 4 if friction > 0 else 1):
-                    u, took = self._newton(u, radius_mm, depth, multiplier, penalty, rub)
+                    u, took = self._newton(u, tool, depth, multiplier, penalty, rub)
                     count += took
-                    g, _ = self.gaps(u, radius_mm, depth)
+                    g = tool.gap(self.away(u, depth))[0]
                     new = np.maximum(multiplier - penalty * g, 0.0)
                     change = float(np.abs(new - multiplier).max()) / penalty
                     multiplier = new
                     if rub is not None:
-                        y = rub.trial(self.away(u, radius_mm, depth), penalty)
+                        y = rub.trial(self.away(u, depth), penalty)
                         rub.bound = friction * multiplier
                         shear = np.clip(y, -rub.bound, rub.bound)
                         change = max(change, float(np.abs(shear - rub.shear).max()) / penalty)
@@ -251,14 +281,14 @@ class Cylinder:
                         break
             if change > closed_mm:
                 raise RuntimeError(f"twin: contact still open by {change:.1e} mm at {goal} mm")
-            g, normal = self.gaps(u, radius_mm, goal)
+            g, _, normal = tool.gap(self.away(u, goal))
             force = -float((self.edge_w * multiplier * normal[..., 1]).sum())
             if rub is not None:
                 force += float((self.edge_w * rub.shear * rub.along[..., 1]).sum())
             face = u[self.top]
             overlap = max(0.0, -float(g.min()))
             r = self.nodes[self.top, 0]
-            at = self.away(u, radius_mm, goal)[..., 0].ravel()
+            at = self.away(u, goal)[..., 0].ravel()
             last = int(np.flatnonzero(multiplier.ravel() > 0)[-1])
             rim = float(at[last]), float(at[last + 1])
             out.append(Pressed(goal, force, r, face[:, 0], face[:, 1], overlap, count, rim))
@@ -289,7 +319,7 @@ class Cylinder:
         raise RuntimeError(f"twin: the contact at small strain swings at {depth_mm} mm")
 
     def _newton(
-        self, u: Field, radius: float, depth: float, multiplier: Field, k: float, rub: Rub | None
+        self, u: Field, tool: Tool, depth: float, multiplier: Field, k: float, rub: Rub | None
     ) -> tuple[Field, int]:
         edge_dofs = (2 * self.edges[..., None] + np.arange(2)).reshape(-1, 6)
         rows = np.concatenate([np.repeat(d, d.shape[1], axis=1).ravel()
@@ -298,7 +328,7 @@ class Cylinder:
         size = self.nodes.size
         for count in range(40):
             energy, force, ke = self.bulk(u)
-            more, push, kc = self.contact(u, radius, depth, multiplier, k, rub)
+            more, push, kc = self.contact(u, tool, depth, multiplier, k, rub)
             assert ke is not None
             total = np.bincount(self.dofs.ravel(), force.ravel(), size)
             pushed = np.bincount(edge_dofs.ravel(), push.ravel(), size)
@@ -320,7 +350,7 @@ class Cylinder:
             while length > 1e-6:
                 trial = u + length * step.reshape(-1, 2)
                 now = self.bulk(trial, False)[0]
-                now += self.contact(trial, radius, depth, multiplier, k, rub)[0]
+                now += self.contact(trial, tool, depth, multiplier, k, rub)[0]
                 # The last steps change the energy by less than its rounding.
                 noise = 1e-10 * abs(energy) + self.noise_nmm
                 if now <= energy + more + 1e-4 * length * slope + noise:
@@ -336,6 +366,12 @@ def _with_middles(lines: Field) -> Field:
     out = np.empty(2 * len(lines) - 1)
     out[::2], out[1::2] = lines, (lines[1:] + lines[:-1]) / 2
     return out
+
+
+def rim_lines(size: float, rim: float, length: float, growth: float = 1.3) -> Field:
+    """Lines from 0 to length whose cells are of `size` at the rim and grow away from it."""
+    inner = rim - graded(rim, size, size, growth)[::-1]
+    return np.concatenate([inner, rim + graded(length - rim, size, size, growth, 40.0)[1:]])
 
 
 def cylinder(
