@@ -213,9 +213,10 @@ def clear_caches(folder: Path) -> None:
 def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
     """Row of one setting of a module, timed after a warm-up call; runs in its process.
 
-    No call finds an earlier one's results: caches are emptied before each. cpu_s, cpu_most_s: best and slowest of `repeats`; other load only adds time. wall_s: best.
-    compile_s: CPU time of the warm-up beyond the best (compiling, plans, caches). peak_mb: memory
-    beyond libraries and inputs. error, reference_error: in `unit`. kind: of the reference.
+    No call finds an earlier one's results: caches are emptied before each. cpu_s, cpu_most_s: best
+    and slowest of `repeats`; other load only adds time. wall_s: best. compile_s: CPU time of the
+    warm-up beyond the best (compiling, plans). peak_mb: memory beyond libraries and inputs.
+    error, reference_error: in `unit`. kind: of the reference.
     """
     pin_to_one_core()
     setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
