@@ -1,12 +1,12 @@
-"""A press solved on a sequence of meshes: its error estimate, and refinement to a tolerance.
+"""A press solved on a sequence of meshes: extrapolation, error estimate, refinement to a tolerance.
 
-Each mesh is MESH_RATIO times as fine as the one before and starts from its increments. The change
-between two meshes estimates the mesh error; forces are corrected to a hard contact first
-(`finite.gel.lacking_n`), an error that the meshes share. The contact's edge falls into the cells
-by chance, so a change may be small by chance; the estimate is never below the known error of cells
-of that size under such a contact. With friction, steps STEP_RATIO times as large on the coarser
-mesh estimate the step error. The linear level adds its model error by the measured rule of
-`linear.validity`. docs/evidence/gel.md tests the estimate on presses that did not set the factors.
+Each mesh is MESH_RATIO times as fine as the one before and starts from its increments. Forces are
+corrected to a hard contact (`finite.gel.lacking_n`) and, where the contact is smooth, extrapolated
+from two meshes at second order. The contact's rim falls into the cells by chance, so what remains
+is scatter: a mesh's is a factor of the kind of contact x a power of cell/contact radius, that of an
+extrapolation follows, and it is never less than half of the correction. With friction, steps STEP_RATIO times as large on the coarser mesh estimate the
+step error. The linear level adds its model error by the measured rule of `linear.validity`.
+docs/evidence/gel.md tests the estimate on presses that did not set the factors.
 
 A CPU time limit (`time_limit`) shortens the sequence at both ends: where the first mesh costs too
 much, coarser ones are solved first, and no mesh is started that is predicted to exceed the limit.
@@ -24,7 +24,6 @@ import numpy as np
 from deltact_fab.common import Field, Progress, SolverError, TimeLimit
 
 from . import time_limit
-from .finite.distance import BLUNT_CELLS
 from .level import FINITE_LEVEL, Choice
 from .level_selection import FORCE_TOLERANCE, HIDDEN_RADII, IN_PLANE_MM, MAX_DOFS, STEP_SHARE
 from .path.solver import PathSolver
@@ -34,12 +33,29 @@ PressErrors = tuple[float, float]
 """Errors of the force, relative, and in plane, mm rms over the face."""
 Opener = Callable[[Choice, PathSolver | None], PathSolver]
 
+
+@dataclass(frozen=True)
+class ContactKind:
+    """Error of a mesh at one kind of contact, measured (docs/evidence/gel.md).
+
+    scatter: x (cell/contact radius)^power: of the force, twice the standard deviation over the
+    places of the rim in its cells. peak: x largest change of displacement between two meshes: error
+    of its largest value. extrapolated: whether the force is, at second order.
+    """
+
+    scatter: float
+    power: float
+    peak: float
+    extrapolated: bool
+
+
+SMOOTH_CONTACT = ContactKind(scatter=0.055, power=1.3, peak=1.5, extrapolated=True)
+SHARP_CONTACT = ContactKind(scatter=0.28, power=1.0, peak=2.0, extrapolated=False)
+SHARP_RADIUS_CELLS = 2.0  # radius of an edge, below which it is sharp: as for its contact points
+CORRECTION_SHARE = 0.5  # least error, of the correction to finer cells
 # Factors of the estimate, set on measured presses (docs/evidence/gel.md).
 MESH_RATIO, STEP_RATIO = 1.5, 2.0  # by hand: smaller ones resolve less, larger ones waste a mesh
-EDGE_ERROR = 0.2  # x (cell / contact radius)^2, of the force: least error at the contact's edge
-BLUNT_ERROR = 0.2  # x cell / contact radius, of the force: least error of a rounded sharp edge
-LONE_FACTOR = 3.0  # x EDGE_ERROR with a single mesh; in plane the whole field counts as error
-STEP_FORCE = 1 / (STEP_RATIO - 1)  # steps are of first order
+LONE_FACTOR = 3.0  # x scatter with a single mesh; in plane the whole field counts as error
 MESH_IN_PLANE, STEP_IN_PLANE = 2.4, 1.75  # x change of displacement: local errors add up
 LINEAR_FORCE, LINEAR_IN_PLANE = 0.9, 1.9  # x change with the grid of the linear level
 # By hand, for the CPU time of a press: more and finer meshes cost more and change no estimate.
@@ -60,9 +76,13 @@ MAX_USEFUL_FACTOR = 0.9  # by hand: stop where the work affords no smaller cell 
 
 @dataclass(frozen=True, eq=False)
 class RefinedPress:
-    """The finest run and its estimates; limited: stopped by the CPU time limit."""
+    """The finest run and its estimates; limited: stopped by the CPU time limit.
+
+    force_n (3,): at the end, corrected and extrapolated.
+    """
 
     run: PathSolver
+    force_n: Field
     estimate: dict[str, float]
     zones: Zones
     limited: bool
@@ -117,7 +137,7 @@ class MeshConvergence:
                 # Step error not measured: use the rule by which the steps were chosen.
                 self._step_errors = (LONE_FACTOR * STEP_SHARE * self.tolerance, 0.0)
         zones = self._runs[-1].last.zones.with_errors_at_least(self._runs[-2:][0].last.zones)
-        return RefinedPress(self._runs[-1], self.estimate(), zones, limited)
+        return RefinedPress(self._runs[-1], self._force_n(), self.estimate(), zones, limited)
 
     def _climb(self, choice: Choice, free: bool) -> None:
         if choice.level != FINITE_LEVEL:
@@ -184,52 +204,76 @@ class MeshConvergence:
         return {
             "force_rel": choice.model_force_rel + sum(force),
             "displacement_mm": choice.model_in_plane_mm + sum(in_plane),
+            "peak_in_plane_mm": self._peak_error_mm(),
         }
+
+    def _coarser_runs(self) -> list[PathSolver]:
+        """Runs enough coarser than the last one to be compared with it, the coarsest first."""
+        limit_mm = MIN_MESH_RATIO * self._runs[-1].choice.spacing_mm
+        return [r for r in self._runs if r.choice.spacing_mm >= limit_mm]
+
+    def _kind(self) -> ContactKind:
+        sharp = self._edge_mm < SHARP_RADIUS_CELLS * self._runs[-1].choice.spacing_mm
+        return SHARP_CONTACT if sharp else SMOOTH_CONTACT
+
+    def _extrapolate(self) -> tuple[Field, float]:
+        """Change of the force to infinitely fine cells, (3,) in N, and its relative scatter."""
+        fine, kind = self._runs[-1], self._kind()
+
+        def scatter(run: PathSolver) -> float:
+            return kind.scatter * (run.choice.spacing_mm / self._radius_mm) ** kind.power
+
+        best = np.zeros(3), LONE_FACTOR * scatter(fine)
+        for coarse in self._coarser_runs():
+            weight = _second_order(fine, coarse)
+            error_rel = math.hypot((1 + weight) * scatter(fine), weight * scatter(coarse))
+            if error_rel < best[1]:
+                best = weight * (_hard_force_n(fine) - _hard_force_n(coarse)), error_rel
+        return best if kind.extrapolated or not self._coarser_runs() else (best[0], scatter(fine))
+
+    def _force_n(self) -> Field:
+        force_n = _hard_force_n(self._runs[-1])
+        if self._runs[-1].choice.level == FINITE_LEVEL and self._kind().extrapolated:
+            force_n = force_n + self._extrapolate()[0]
+        return force_n
 
     def _mesh_errors(self) -> PressErrors:
         fine = self._runs[-1]
-        edge = self._edge_error(fine)
-        limit_mm = MIN_MESH_RATIO * fine.choice.spacing_mm
-        coarser = [r for r in self._runs if r.choice.spacing_mm >= limit_mm]
-        if not coarser:
-            return (LONE_FACTOR * edge, _rms_mm(_field_mm(fine)))
-        coarse = coarser[-1]
-        force, in_plane = _change(fine, coarse)
+        correction_n, scatter = self._extrapolate()
+        if not (coarser := self._coarser_runs()):
+            return (scatter, _rms_mm(_field_mm(fine)))
+        force_n, in_plane = _change(fine, coarser[-1])
         if fine.choice.level != FINITE_LEVEL:
-            return (LINEAR_FORCE * _relative_size(force, fine), LINEAR_IN_PLANE * in_plane)
-        # Cells are of second order.
-        richardson = 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
-        error_n = richardson * force - fine.last.lacking_rel * np.array(fine.last.force_n)
-        return (max(edge, _relative_size(error_n, fine)), MESH_IN_PLANE * richardson * in_plane)
+            return (LINEAR_FORCE * _relative_size(force_n, fine), LINEAR_IN_PLANE * in_plane)
+        correction = CORRECTION_SHARE * _relative_size(correction_n, fine)
+        in_plane *= MESH_IN_PLANE * _second_order(fine, coarser[-1])
+        return (max(scatter, correction), in_plane)
 
-    def _edge_error(self, run: PathSolver) -> float:
-        """Least relative force error of the run's cell size under this contact."""
-        cells = run.choice.spacing_mm / self._radius_mm
-        error_rel = EDGE_ERROR * cells**2
-        if run.choice.level == FINITE_LEVEL and BLUNT_CELLS * run.choice.spacing_mm > self._edge_mm:
-            error_rel = max(error_rel, BLUNT_ERROR * cells)
-        # The contact's pressure ramp starts before touch and makes a light press too stiff.
-        return error_rel + max(0.0, -run.last.lacking_rel)
+    def _peak_error_mm(self) -> float:
+        """Error of the largest in-plane displacement."""
+        change_mm = _field_mm(self._runs[-1])
+        if coarser := self._coarser_runs():
+            change_mm = change_mm - _field_mm(coarser[-1])
+        return self._kind().peak * float(np.hypot(change_mm[..., 0], change_mm[..., 1]).max())
 
     def _errors_of_steps(self, run: PathSolver) -> PressErrors:
         """Errors of a run from its step size: friction lags within each step."""
         choice = run.choice
         fewer = self._run(choice.times(1.0, STEP_RATIO), run)
         if sum(knot.cuts for knot in fewer.knots) == sum(knot.cuts for knot in run.knots):
-            force, in_plane = _change(run, fewer)
-            return (STEP_FORCE * _relative_size(force, run), STEP_IN_PLANE * in_plane)
+            force, in_plane = _change(run, fewer)  # steps are of first order
+            return (_relative_size(force, run), STEP_IN_PLANE * in_plane)
         # The longer steps were cut, so they do not differ from the run's: halve its steps.
         force, in_plane = _change(self._run(choice.times(1.0, 1 / STEP_RATIO)), run)
-        factor = STEP_RATIO * STEP_FORCE
-        return (factor * _relative_size(force, run), STEP_RATIO * STEP_IN_PLANE * in_plane)
+        return (STEP_RATIO * _relative_size(force, run), STEP_RATIO * STEP_IN_PLANE * in_plane)
 
     def _next_factor(self) -> float:
         """Cell factor at which the estimate is predicted to reach AIM_SHARE of the tolerance."""
         mesh, step = self._mesh_errors(), self._step_errors
         goals = AIM_SHARE * self.tolerance, AIM_SHARE * self.in_plane_mm
         factors = [
-            math.sqrt(max(goal - s, goal / 4) / m) if m > 0 else 1.0
-            for m, s, goal in zip(mesh, step, goals, strict=True)
+            (max(goal - s, goal / 4) / m) ** (1 / power) if m > 0 else 1.0
+            for m, s, goal, power in zip(mesh, step, goals, (self._kind().power, 2), strict=True)
         ]
         return max(min(*factors, MIN_FINER), 1 / MESH_RATIO)
 
@@ -264,8 +308,18 @@ def affordable_factor(run: PathSolver, factor: float) -> float:
 
 def _change(fine: PathSolver, coarse: PathSolver) -> tuple[Field, float]:
     """Change from a run to a coarser one: hard-contact force (3,) in N, in plane rms in mm."""
-    a, b = ((1 + r.last.lacking_rel) * np.array(r.last.force_n) for r in (fine, coarse))
-    return b - a, _rms_mm(_field_mm(coarse) - _field_mm(fine))
+    force_n = _hard_force_n(coarse) - _hard_force_n(fine)
+    return force_n, _rms_mm(_field_mm(coarse) - _field_mm(fine))
+
+
+def _second_order(fine: PathSolver, coarse: PathSolver) -> float:
+    """Weight of the change from coarse to fine cells that leads to infinitely fine ones."""
+    return 1 / ((coarse.choice.spacing_mm / fine.choice.spacing_mm) ** 2 - 1)
+
+
+def _hard_force_n(run: PathSolver) -> Field:
+    """Force (3,) at the end with a hard contact."""
+    return np.asarray((1 + run.last.lacking_rel) * np.array(run.last.force_n))
 
 
 def _relative_size(force_n: Field, run: PathSolver) -> float:

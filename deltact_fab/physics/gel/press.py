@@ -131,7 +131,11 @@ def press_gel(
     flags = [*_flags(refined, ladder, depth_mm, limit_s)]
     if odd := unusual_material(material.modulus_mpa):
         flags.append(Note("modulus", odd))
-    forces = material.modulus_mpa * np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
+    forces = np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
+    if any(last.force_n):  # the finer cells' correction of the end, in proportion along the path
+        forces *= np.linalg.norm(refined.force_n) / np.linalg.norm(last.force_n)
+        forces[-1] = refined.force_n
+    forces *= material.modulus_mpa
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,

@@ -260,52 +260,60 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
 BLUNT_CELLS = 0.5  # least radius over cell size; by hand: less, and contact points jump over edges
 
 
+RIM_CELLS = (
+    0.22  # cells by which the rim of a flat acts further out; measured, docs/evidence/gel.md
+)
+
+
 def blunted(indenter: Indenter, cell_mm: float) -> Indenter:
-    """Round the edges, corners and noses of an indenter to BLUNT_CELLS x cell_mm where possible.
+    """Adapt the edges of an indenter to the cells: rounder, and the rims of flats further in.
 
     A facet cannot follow an edge that turns within it: its contact points jump between the two
-    sides and Newton's method does not settle. The rounding shrinks with the mesh, so it is part of
-    the mesh error; it vanishes for cells up to twice the indenter's own radius. The lowest point,
-    name, outline and reach stay.
+    sides and Newton's method does not settle. So radii are at least BLUNT_CELLS x cell_mm where
+    possible. A cell that the rim of a flat crosses is held flat by its covered part, as if the rim
+    lay RIM_CELLS further out; so it is moved in by that. Both shrink with the mesh. The lowest
+    point, name and reach stay.
     """
-    radius = BLUNT_CELLS * cell_mm
-    return replace(indenter, tips=tuple(_blunt(tip, radius) for tip in indenter.tips))
+    return replace(indenter, tips=tuple(_blunt(tip, cell_mm) for tip in indenter.tips))
 
 
-def _blunt(tip: Tip, radius_mm: float) -> Tip:
-    """Round a tip to the radius, or to the largest part of it that its dimensions allow."""
+def _blunt(tip: Tip, cell_mm: float) -> Tip:
+    """Adapt a tip, as far as its dimensions allow."""
     for share in (1.0, 0.8, 0.6, 0.4):
         with contextlib.suppress(ShapeError):
-            return _with_radius(tip, share * radius_mm)
+            return _with_radius(tip, share * BLUNT_CELLS * cell_mm, share * RIM_CELLS * cell_mm)
     return tip
 
 
-def _with_radius(tip: Tip, radius_mm: float) -> Tip:
+def _with_radius(tip: Tip, radius_mm: float, inset_mm: float) -> Tip:
     if isinstance(tip, PosedTip):
-        plain = _with_radius(tip.tip, radius_mm)
+        plain = _with_radius(tip.tip, radius_mm, inset_mm)
         return tip if isinstance(plain, PosedTip) else replace(tip, tip=plain)
     if isinstance(tip, PrismTip):
         edge, corner = max(tip.edge_mm, radius_mm), max(tip.corner_mm, radius_mm)
         # A rounded edge needs a corner at least as round to be swept along.
-        return replace(tip, edge_mm=edge, corner_mm=max(corner, edge + tip.corner_mm - tip.edge_mm))
+        return replace(
+            tip, outer_mm=tip.outer_mm - inset_mm, inner_mm=tip.inner_mm - inset_mm, edge_mm=edge,
+            corner_mm=max(corner, edge + tip.corner_mm - tip.edge_mm),
+        )  # fmt: skip
     if isinstance(tip, RidgeTip):
         return replace(tip, radius_mm=max(tip.radius_mm, radius_mm))
     if isinstance(tip, TurnedTip):
-        return replace(tip, pieces=_rounded_rim(tip, radius_mm))
+        return replace(tip, pieces=_rounded_rim(tip, radius_mm, inset_mm))
     return tip
 
 
-def _rounded_rim(tip: TurnedTip, radius_mm: float) -> tuple[ProfilePiece, ...]:
-    """Widen the last arc, from a flat face up to the rim; return other profiles unchanged."""
+def _rounded_rim(tip: TurnedTip, radius_mm: float, inset_mm: float) -> tuple[ProfilePiece, ...]:
+    """Widen and inset the last arc, from a flat face up to the rim; other profiles stay."""
     *inner, last = tip.pieces
     if last.centre_mm is None or not inner or inner[-1].centre_mm is not None:
         return tip.pieces
     rim, top = last.end_mm
     foot = inner[-1].end_mm
     old = rim - last.centre_mm[0]
-    flat = abs(top - foot[1] - old) < 1e-9 and old < radius_mm
-    if not flat:
+    if abs(top - foot[1] - old) > 1e-9:
         return tip.pieces
+    rim, radius_mm = rim - inset_mm, max(old, radius_mm)
     start = (rim - radius_mm, foot[1])
     high = foot[1] + radius_mm
     return (*inner[:-1], ProfilePiece(start), ProfilePiece((rim, high), (start[0], high)))

@@ -208,7 +208,7 @@ class FiniteGel(GelContact):
         place = lattice.displacement_mm(inner.displacement_mm)
         place[..., :2] += np.stack(np.meshgrid(*axes), axis=-1)
         offsets_mm = (place - np.array(inner.tip_mm) * [1, 1, -1]).reshape(-1, 3)
-        gap_mm = gap(surface.indenter, offsets_mm).distance_mm.reshape(place.shape[:2])
+        gap_mm = gap(self.press.indenter, offsets_mm).distance_mm.reshape(place.shape[:2])
         bound = self.press.friction * inner.pressure_mpa * (1 - FRICTION_MARGIN)
         sticking = np.linalg.norm(inner.shear_mpa, axis=2) < bound
         # Not in the first two components: a mirror changes their sign.
