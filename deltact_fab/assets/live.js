@@ -174,9 +174,9 @@ function tiles(d) {
 // Summary of the newest image: trusted or not, force, contacts, displacement.
 function verdict(d) {
   const doubts = [d.trusted ? "" : "flow unreliable", d.extrapolated ? "force unreliable" : "", unfit].filter(Boolean);
-  const n = d.contacts.length, parts = [];
+  const parts = [];
   if (d.force_n) parts.push(`Fz ${fig(d.force_n[2])} N`);
-  if (d.measured_contacts) parts.push(n === 0 ? "no contact" : n === 1 ? "one contact" : `${n} contacts`);
+  if (d.measured_contacts) parts.push(`contacts: ${d.contact_number}`);
   parts.push(`max displacement ${fig(d.motion)} ${d.unit}`);
   const words = parts.join(", ");
   byId("verdict").textContent = (doubts.length ? `Not trusted: ${doubts.join(", ")}. ` : "Trusted. ") + words + ".";
@@ -184,7 +184,7 @@ function verdict(d) {
 }
 function contacts(d) {
   if (!d.contacts.length) { byId("contacts").textContent = d.measured_contacts ? "None." : "Not measured."; return; }
-  const columns = [["position x, y", c => `${fig(c.place_mm[0], 1)}, ${fig(c.place_mm[1], 1)} mm`], ["area", c => `${fig(c.area_mm2, 1)} mm²`]];
+  const columns = [["position x, y", c => `${fig(c.place_mm[0], 1)}, ${fig(c.place_mm[1], 1)} mm`], ["area", c => `${fig(c.area_mm2, 1)} mm²`], ["number", c => c.count], ["resolution", c => `${fig(c.resolution_mm, 1)} mm`]];
   if (d.contacts.some(c => c.peak_depth_mm !== null)) columns.push(["peak depth", c => `${fig(c.peak_depth_mm)} mm`]);
   if (d.contacts.some(c => c.force_share !== null)) columns.push(["share of force", c => `${fig(100 * c.force_share, 0)} %`]);
   byId("contacts").innerHTML = `<table><thead><tr>${columns.map(([head]) => `<th>${head}</th>`).join("")}</tr></thead><tbody>`

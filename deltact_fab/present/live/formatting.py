@@ -50,6 +50,8 @@ def _contact(contact: Any, outline: bool) -> dict[str, Any]:
         "cover": round(contact.cover, 4),
         "peak_depth_mm": _rounded_or_none(contact.peak_depth_mm),
         "force_share": _rounded_or_none(contact.force_share),
+        "count": contact.count,
+        "resolution_mm": _rounded_or_none(contact.resolution_mm),
     }
     if outline:
         entry["outline_mm"] = [_rounded(p) for p in contact.outline_mm]
@@ -66,6 +68,15 @@ def _rounded(values: Any) -> list[float | None]:
 
 def _signed(values: list[float | None], digits: int) -> str:
     return " ".join("-" if v is None else f"{v:+.{digits}f}" for v in values)
+
+
+def contact_number(contacts: list[dict[str, Any]]) -> str:
+    """Format the number of contacts, given those of `as_dict`."""
+    counts = [contact["count"] for contact in contacts]
+    merged = counts.count("two or more")
+    if merged:
+        return f"{len(counts) + merged} or more"
+    return f"{len(counts)}" + (", perhaps more" if "cannot tell" in counts else "")
 
 
 def status_text(m: MeasuredImage) -> str:
@@ -87,7 +98,7 @@ def status_text(m: MeasuredImage) -> str:
     if values["extrapolated"]:
         parts.append("EXTRAPOLATED")
     if values["contacts"] is not None:
-        parts.append(f"contacts: {len(values['contacts'])}")
+        parts.append(f"contacts: {contact_number(values['contacts'])}")
         parts += [f"{c['area_mm2']:.1f} mm2 at ({c['place_mm'][0]:+.1f}, "
                   f"{c['place_mm'][1]:+.1f}) mm" for c in values["contacts"][:1]]  # fmt: skip
     if m.dropped:
@@ -113,7 +124,9 @@ def _columns(kind: str, **texts: str) -> list[TableColumn]:
 
 
 WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-CONTACT_COLUMNS = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
+CONTACT_COLUMNS = (
+    "contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm", "contact_resolution_mm"
+)  # fmt: skip
 RESULT_COLUMNS = [
     *_columns(
         "int64",
@@ -122,7 +135,7 @@ RESULT_COLUMNS = [
         dropped="Images dropped so far in favour of newer ones.",
         markers="Markers in the reference; empty for a dense pattern.",
         markers_held="Markers found in this image.",
-        contacts="Separate contacts; needs a depth calibration.",
+        contacts="Separate contacts; needs a depth calibration. See contact_count.",
     ),
     *_columns(
         "bool",
@@ -143,6 +156,7 @@ RESULT_COLUMNS = [
     ),
     *_columns(
         "string",
+        contact_count="Contacts in the region of the deepest: one, two or more, cannot tell.",
         fields="File with the image's arrays; `schema fields` names them.",
         picture="File with the tracked image, if pictures were requested.",
     ),
@@ -189,6 +203,8 @@ def table_row(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
     if (contacts := values["contacts"]) is not None:
         row["contacts"] = len(contacts)
     if contacts:
-        deepest = [*contacts[0]["place_mm"], contacts[0]["area_mm2"], contacts[0]["peak_depth_mm"]]
+        keys = ("area_mm2", "peak_depth_mm", "resolution_mm")
+        deepest = [*contacts[0]["place_mm"], *(contacts[0][key] for key in keys)]
         row |= zip(CONTACT_COLUMNS, deepest, strict=True)
+        row["contact_count"] = contacts[0]["count"]
     return ["" if (value := row.get(c.name)) is None else value for c in RESULT_COLUMNS]

@@ -12,7 +12,7 @@ from deltact_fab.common import Array
 from deltact_fab.estimate import FaceFlow
 from deltact_fab.sensor import CameraModel
 
-from .formatting import as_dict
+from .formatting import as_dict, contact_number
 from .session import MeasuredImage
 
 LOST_BYTE = 255  # format of the page's maps: unknown
@@ -42,6 +42,7 @@ def page_data(m: MeasuredImage, camera: CameraModel) -> dict[str, Any]:
     }  # fmt: skip
     entry["measured_contacts"] = entry["contacts"] is not None
     entry["contacts"] = entry["contacts"] or []
+    entry["contact_number"] = contact_number(entry["contacts"])
     f, min_scale, arrow = result.flow, MIN_SCALE_MM, ARROW_SPACING_MM
     if in_px and result.observation is not None:
         f, min_scale, arrow = (

@@ -215,6 +215,8 @@ def _contacts(press: DeepestPress) -> list[dict[str, Any]]:
             "area_mm2": c.area_mm2,
             "peak_depth_mm": c.peak_depth_mm,
             "share of the force": _percent(c.force_share),
+            "number": c.count,
+            "resolution_mm": c.resolution_mm,
         }
         for c in result.contacts
     ] or [{**about, "position x, y, mm": "no contact found"}]

@@ -72,6 +72,56 @@ def test_merged_peaks_are_one_contact(apart, number):
     assert len(find_contacts(near, _flow(), CAMERA)) == number
 
 
+def _count(*caps: tuple[float, float, float, float]) -> str:
+    """Count in the deepest region of caps."""
+    return find_contacts(_depth(*caps), _flow(), CAMERA)[0].count
+
+
+@pytest.mark.parametrize("radius", [2.0, 4.0, 8.0])
+def test_round_region_is_one_contact(radius):
+    assert _count((0.0, 1.0, 1.0, radius)) == "one"
+    assert _count((0.0, 1.0, 0.09, radius)) == "cannot tell"  # as shallow as noise
+
+
+@pytest.mark.parametrize(
+    ("apart", "count"), [(0.5, "one"), (2.2, "cannot tell"), (3.4, "two or more")]
+)
+def test_count_of_two_merged_caps(apart, count):
+    assert _count((-apart / 2, 0.0, 1.0, 3.5), (apart / 2, 0.0, 0.95, 3.5)) == count
+
+
+def test_one_long_contact_cannot_be_told():
+    capsule = [(x, 0.0, 1.0, 3.0) for x in np.arange(-2, 2.1, CELL)]
+    assert _count(*capsule) == "cannot tell"
+
+
+def test_second_peak_below_half_depth():
+    """The upper half alone is round."""
+    assert _count((0.0, 0.0, 1.0, 3.0), (2.8, 0.0, 0.48, 3.0)) == "cannot tell"
+
+
+@pytest.mark.parametrize("damage", ["hidden", "cut off"])
+def test_region_seen_in_part_is_undecided(damage):
+    depth = _depth((0.0, Y[-1] - 3.5, 1.0, 4.0))
+    (whole,) = find_contacts(depth, _flow(), CAMERA)
+    if damage == "hidden":
+        depth.valid[:, X > 1.5] = False
+    else:
+        depth = _depth((0.0, Y[-1] - 2.5, 1.0, 4.0))
+    (part,) = find_contacts(depth, _flow(), CAMERA)
+    assert (whole.count, part.count) == ("one", "cannot tell")
+
+
+def test_resolution_grows_with_width_and_noise():
+    wide, narrow, shallow = (
+        find_contacts(_depth((0.0, 0.0, *cap)), _flow(), CAMERA)[0].resolution_mm
+        for cap in ((1.0, 6.0), (1.0, 3.0), (0.2, 3.0))
+    )
+    assert wide == pytest.approx(2 * narrow, rel=0.02)
+    assert shallow > 1.1 * narrow
+    assert _count((-wide / 2, 0.0, 1.0, 6.0), (wide / 2, 0.0, 0.8, 6.0)) != "one"
+
+
 def test_rest_has_no_contact():
     assert find_contacts(_depth(), _flow(), CAMERA) == []
     depth = _depth((0.0, 0.0, 1.0, 4.0))

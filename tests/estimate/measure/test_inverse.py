@@ -178,6 +178,19 @@ def test_impossible_motion_is_foreign(features, block, size_mm) -> None:
     assert features.cover(wild_flow) == 0
 
 
+@pytest.mark.parametrize(
+    ("apart", "counts"), [(0.0, ["one"]), (3.0, ["cannot tell"]), (8.0, ["one", "one"])]
+)
+def test_near_spots_are_not_one(features, block, apart, counts) -> None:
+    """Spots of a radius of 1.2 mm, which do not touch, behind 10 mm of gel."""
+    parts = [_spot(block, x, 2.0, 1.2, (0, 0, -0.6))[0] for x in (-apart / 2, apart / 2)]
+    flow = _seen(block, sum(parts))
+    depth = DepthFinder(features.view, DepthModel(1.0, 20.0)).find(flow)
+    found = find_contacts(depth, flow, features.view.camera)
+    assert [contact.count for contact in found] == counts
+    assert all(contact.resolution_mm < 3 for contact in found)
+
+
 @pytest.mark.slow
 def test_finite_strain_ball_needs_modulus_only(features) -> None:
     """Another theory and another mesh: what a calibration is left to do is a few percent."""

@@ -16,6 +16,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
+from deltact_fab.present.live.formatting import contact_number
 from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.present.live.picture import LOST_BYTE, page_data
@@ -58,7 +59,10 @@ def test_outputs_contain_force_contacts_health(
     (contact,) = rows[PRESSED]["contacts"]
     assert contact["force_share"] == pytest.approx(1, abs=1e-3)
     assert np.hypot(*np.subtract(contact["place_mm"], [0.5, -0.5])) < 1
+    assert contact["count"] == "one"
+    assert 0.5 < contact["resolution_mm"] < 4
     assert rows[0]["contacts"] == []
+    assert "contacts: 1 " in people.getvalue()
     assert "N mm" in people.getvalue()
     assert said == ["state of health: fit to use"]
 
@@ -117,6 +121,20 @@ def test_page_draws_the_measurement(
     assert len(arrows) == len(told["flow"]["x_mm"]) * len(told["flow"]["y_mm"])
     assert np.nanmax(np.hypot(*arrows.T)) <= told["motion"] + 0.02
     assert len(told["contacts"][0]["seen_mm"]) == len(told["contacts"][0]["outline_mm"])
+    assert told["contact_number"] == "1"
+
+
+@pytest.mark.parametrize(
+    ("counts", "text"),
+    [
+        ([], "0"),
+        (["one", "one"], "2"),
+        (["cannot tell"], "1, perhaps more"),
+        (["two or more", "cannot tell"], "3 or more"),
+    ],
+)
+def test_number_of_contacts_in_words(counts: list[str], text: str) -> None:
+    assert contact_number([{"count": count} for count in counts]) == text
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,9 @@ def picture(**changed: Any) -> ShapeMaps:
         density=Density(1 - DENT / 5, FAR2 < 140),
         relative=DENT / 5,
         depth=Depth(DENT, FAR2 < 150, X, Y, 1.0, False),
-        contacts=[ContactRegion(16.0, np.zeros(2), SQUARE, np.zeros(2), 1.0, None, 1.0)],
+        contacts=[
+            ContactRegion(16.0, np.zeros(2), SQUARE, np.zeros(2), 1.0, None, 1.0, "one", 2.0)
+        ],
         image=np.full((32, 40, 3), 200, np.uint8),
         edges_mm=np.array([-10.0, 10, -8, 8]),
     )

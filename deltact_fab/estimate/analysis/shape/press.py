@@ -239,6 +239,7 @@ def _shape_figures(maps: ShapeMaps) -> dict[str, Any]:
         "extrapolated": maps.depth.extrapolated,
         "peak_depth_mm": float(maps.depth.depth_mm.max()),
         "n_contacts": len(maps.contacts),
+        "contact_count": maps.contacts[0].count if maps.contacts else None,  # of the deepest
         "area_mm2": float(sum(contact.area_mm2 for contact in maps.contacts)),
         "place_error_mm": place_error_mm,
     }

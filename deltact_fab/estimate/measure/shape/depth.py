@@ -7,10 +7,11 @@ the face in depth too, by 3 to 14 % too little (docs/evidence/strangers.md); a g
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
@@ -147,7 +148,17 @@ def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: f
 RIM_SHARE = 0.3  # of a contact's peak depth, where it ends: the rim of a ball, decision 0025
 MIN_PEAK_MM = 0.05  # of a contact; by hand: less is noise (see `inverse.NOISE_FACTOR`)
 DIP_SHARE = 0.75  # of the lower of two peaks, below which they are two contacts, decision 0025
+# Number of contacts in a region; measured, docs/evidence/shape.md (Contacts near each other).
+SHALLOW_DIP_SHARE = 0.9  # as DIP_SHARE, within a region; measured: 1 ball in 650 dips further
+CORE_SHARE = 0.5  # of the peak depth; measured: less noise than at the rim, blind to a lower peak
+ROUND_ELONGATION = 1.15  # ratio of a region's axes; measured: above it, 13 % of single balls
+ELONGATION_ERROR_MM = 0.015  # over the peak depth, more of it; measured on the same balls
+MIN_COUNT_DEPTH_MM = 0.1  # of the peak; measured: below, noise draws balls out as far as a pair
+UNEQUAL_FACTOR = 1.5  # over the distance at which equal contacts are not one; measured on pairs
 OUTLINE_CELL_MM = 0.08  # of the map for outlines; by hand: finer draws no smoother line
+
+
+ContactCount = Literal["one", "two or more", "cannot tell"]
 
 
 @dataclass(frozen=True)
@@ -158,6 +169,11 @@ class ContactRegion:
     the resting face, like all maps. place_mm (2,): current place of the depth's centroid, which
     differs after a shear. peak_depth_mm: into the gel. force_share: of the total pressure, None
     without a traction. cover: share of the region whose motion is known.
+
+    count: contacts in the region. "one": as round as one contact through this gel. "two or more":
+    more than one peak. "cannot tell": drawn out, by contacts near each other or by one long
+    contact; or shallow, hidden, or cut off by the edge of the view. resolution_mm: least distance
+    between two contacts of similar depth that is not taken for "one".
     """
 
     area_mm2: float
@@ -167,6 +183,8 @@ class ContactRegion:
     peak_depth_mm: float
     force_share: float | None
     cover: float
+    count: ContactCount
+    resolution_mm: float
 
 
 def find_contacts(
@@ -182,8 +200,10 @@ def find_contacts(
     if not masks:
         return []
     places = _centroids(masks, depth, flow, camera)
+    rows, columns = np.transpose(_find_peaks(depth.depth_mm, SHALLOW_DIP_SHARE))
+    peaks = np.bincount(labels[rows, columns], minlength=len(masks) + 1)
     regions = [
-        _contact(mask, depth, place, None if shares is None else float(shares[k]))
+        _contact(mask, depth, place, None if shares is None else float(shares[k]), int(peaks[k]))
         for k, (mask, place) in enumerate(zip(masks, places, strict=True), 1)
     ]
     return sorted(regions, key=lambda contact: -contact.peak_depth_mm)
@@ -191,7 +211,7 @@ def find_contacts(
 
 def contact_labels(depth: Depth) -> Array:
     """Label of the contact that each point is in, (h, w) int32; 0: none."""
-    peaks = _find_peaks(depth.depth_mm)
+    peaks = _find_peaks(depth.depth_mm, DIP_SHARE)
     out = np.zeros(depth.depth_mm.shape, np.int32)
     if not peaks:
         return out
@@ -204,7 +224,7 @@ def contact_labels(depth: Depth) -> Array:
     return out
 
 
-def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
+def _find_peaks(depth_mm: Array, dip_share: float) -> list[tuple[int, int]]:
     """Find the peaks that a dip separates from every deeper one, as (row, column)."""
     around = cv2.dilate(depth_mm, np.ones((5, 5), np.uint8))
     highest = (around == depth_mm) & (depth_mm >= MIN_PEAK_MM)
@@ -212,7 +232,7 @@ def _find_peaks(depth_mm: Array) -> list[tuple[int, int]]:
     order = np.argsort(-depth_mm[rows, columns], kind="stable")
     peaks: list[tuple[int, int]] = []
     for row, column in zip(rows[order], columns[order], strict=True):
-        parts = _label_parts(depth_mm >= DIP_SHARE * depth_mm[row, column])
+        parts = _label_parts(depth_mm >= dip_share * depth_mm[row, column])
         if not any(parts[peak] == parts[row, column] for peak in peaks):
             peaks.append((int(row), int(column)))
     return peaks
@@ -236,7 +256,9 @@ def _centroids(masks: list[Array], depth: Depth, flow: FaceFlow, camera: CameraM
     return np.asarray(origin[:, :2] - direction[:, :2] * sunk)
 
 
-def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) -> ContactRegion:
+def _contact(
+    mask: Array, depth: Depth, place_mm: Array, share: float | None, n_peaks: int
+) -> ContactRegion:
     rows, columns = np.nonzero(mask)
     centroid = np.array([depth.x_mm[columns].mean(), depth.y_mm[rows].mean()])
     return ContactRegion(
@@ -247,7 +269,40 @@ def _contact(mask: Array, depth: Depth, place_mm: Array, share: float | None) ->
         float(depth.depth_mm[mask].max()),
         share,
         float(depth.valid[mask].mean()),
+        *_count_contacts(mask, depth, n_peaks),
     )
+
+
+def _count_contacts(mask: Array, depth: Depth, n_peaks: int) -> tuple[ContactCount, float]:
+    """Number of contacts in a region, and the distance that resolves two, in mm.
+
+    Two equal contacts draw a round region out: (long / short)^2 = 1 + (distance / 2 short)^2.
+    """
+    peak_mm = float(depth.depth_mm[mask].max())
+    limit = ROUND_ELONGATION + ELONGATION_ERROR_MM / peak_mm
+    axes_mm = [_principal_axes_mm(mask, depth, share) for share in (RIM_SHARE, CORE_SHARE)]
+    short_mm = max(short for _, short in axes_mm)
+    resolution_mm = UNEQUAL_FACTOR * 2 * short_mm * math.sqrt(limit**2 - 1)
+    edges = (mask[0], mask[-1], mask[:, 0], mask[:, -1])
+    if any(edge.any() for edge in edges) or depth.valid[mask].mean() < MIN_COVER:
+        return "cannot tell", resolution_mm
+    if n_peaks > 1:
+        return "two or more", resolution_mm
+    drawn_out = any(long > limit * short for long, short in axes_mm)
+    shallow = peak_mm < MIN_COUNT_DEPTH_MM
+    return "cannot tell" if drawn_out or shallow else "one", resolution_mm
+
+
+def _principal_axes_mm(mask: Array, depth: Depth, share: float) -> tuple[float, float]:
+    """Standard deviations, long and short, of the depth below a share of a region's peak."""
+    inner = np.where(mask, depth.depth_mm, 0)
+    base = share * inner.max()
+    parts = _label_parts(inner >= base)
+    rows, columns = np.nonzero(parts == parts.flat[inner.argmax()])
+    weights = inner[rows, columns] - base + 1e-9 * base  # a region may be of one point
+    variance = np.cov(rows, columns, aweights=weights, ddof=0) + np.eye(2) / 12  # of a cell
+    short, long = depth.cell_mm * np.sqrt(np.linalg.eigvalsh(variance))
+    return float(long), float(short)
 
 
 def _outline(mask: Array, depth: Depth) -> Array:
