@@ -124,9 +124,7 @@ def _columns(kind: str, **texts: str) -> list[TableColumn]:
 
 
 WRENCH_COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
-CONTACT_COLUMNS = (
-    "contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm", "contact_resolution_mm"
-)  # fmt: skip
+CONTACT_COLUMNS = ("contact_x_mm", "contact_y_mm", "contact_area_mm2", "contact_depth_mm")
 RESULT_COLUMNS = [
     *_columns(
         "int64",
@@ -153,6 +151,7 @@ RESULT_COLUMNS = [
         **dict.fromkeys(WRENCH_COLUMNS, "Force on the sensor (fz_n < 0 in a press), and torque "
                         "about the centre of the resting face."),
         **dict.fromkeys(CONTACT_COLUMNS, "Deepest contact, in the frame of the sensor."),
+        contact_resolution_mm="Least distance of two contacts not taken for the deepest one.",
     ),
     *_columns(
         "string",
@@ -203,8 +202,7 @@ def table_row(m: MeasuredImage, fields: str, picture: str) -> list[Any]:
     if (contacts := values["contacts"]) is not None:
         row["contacts"] = len(contacts)
     if contacts:
-        keys = ("area_mm2", "peak_depth_mm", "resolution_mm")
-        deepest = [*contacts[0]["place_mm"], *(contacts[0][key] for key in keys)]
+        deepest = [*contacts[0]["place_mm"], contacts[0]["area_mm2"], contacts[0]["peak_depth_mm"]]
         row |= zip(CONTACT_COLUMNS, deepest, strict=True)
-        row["contact_count"] = contacts[0]["count"]
+        row |= {f"contact_{key}": contacts[0][key] for key in ("count", "resolution_mm")}
     return ["" if (value := row.get(c.name)) is None else value for c in RESULT_COLUMNS]

@@ -16,11 +16,12 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.present.live.formatting import contact_number
+from deltact_fab.present.live.formatting import RESULT_COLUMNS, contact_number, table_row
 from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.present.live.picture import LOST_BYTE, page_data
 from deltact_fab.present.live.session import MeasuredImage, MeasurementSession
+from deltact_fab.present.report.page import _contacts
 
 PRESSED = 2
 """The image at the end of the first press: a ball of 10 mm, 1 mm deep, at (0.5, -0.5)."""
@@ -61,6 +62,9 @@ def test_outputs_contain_force_contacts_health(
     assert np.hypot(*np.subtract(contact["place_mm"], [0.5, -0.5])) < 1
     assert contact["count"] == "one"
     assert 0.5 < contact["resolution_mm"] < 4
+    names = [column.name for column in RESULT_COLUMNS]
+    row = dict(zip(names, table_row(results[PRESSED], "", ""), strict=True))
+    assert (row["contact_count"], row["contact_resolution_mm"]) == ("one", contact["resolution_mm"])
     assert rows[0]["contacts"] == []
     assert "contacts: 1 " in people.getvalue()
     assert "N mm" in people.getvalue()
@@ -87,6 +91,9 @@ def test_report_agrees_with_command(
     assert [d.indenter for d in found.deepest] == ["sphere:10", "4dots"]
     assert all(d.depth_mm == pytest.approx(1, abs=0.01) for d in found.deepest)
     assert all(d.result.contacts for d in found.deepest)
+    numbers = [[row["number"] for row in _contacts(d)] for d in found.deepest]
+    assert numbers == [[c.count for c in d.result.contacts or ()] for d in found.deepest]
+    assert numbers[0] == ["one"]
 
 
 def test_another_sensors_calibration_is_refused(mini_run: Path, calibrations: list[Path]) -> None:
