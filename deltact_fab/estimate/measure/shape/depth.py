@@ -148,11 +148,11 @@ def ball_depth_mm(flow: FaceFlow, view: SensorModel, tip_mm: Array, radius_mm: f
 RIM_SHARE = 0.3  # of a contact's peak depth, where it ends: the rim of a ball, decision 0025
 MIN_PEAK_MM = 0.05  # of a contact; by hand: less is noise (see `inverse.NOISE_FACTOR`)
 DIP_SHARE = 0.75  # of the lower of two peaks, below which they are two contacts, decision 0025
-# Number of contacts in a region; measured, docs/evidence/shape.md (Contacts near each other).
-SHALLOW_DIP_SHARE = 0.9  # as DIP_SHARE, within a region; measured: 1 ball in 650 dips further
+# Number of contacts in a region; measured: docs/evidence/shape.md, Contacts near each other.
+SHALLOW_DIP_SHARE = 0.9  # as DIP_SHARE, within a region; measured: 1 ball of 1400 dips deeper
 CORE_SHARE = 0.5  # of the peak depth; measured: less noise than at the rim, blind to a lower peak
-ROUND_ELONGATION = 1.15  # ratio of a region's axes; measured: above it, 13 % of single balls
-ELONGATION_ERROR_MM = 0.015  # over the peak depth, more of it; measured on the same balls
+ROUND_ELONGATION = 1.15  # ratio of axes; measured: higher passes pairs, lower fails balls
+ELONGATION_ERROR_MM = 0.015  # over the peak depth, added to it; measured on the same presses
 MIN_COUNT_DEPTH_MM = 0.1  # of the peak; measured: below, noise draws balls out as far as a pair
 UNEQUAL_FACTOR = 1.5  # over the distance at which equal contacts are not one; measured on pairs
 OUTLINE_CELL_MM = 0.08  # of the map for outlines; by hand: finer draws no smoother line
