@@ -24,17 +24,15 @@ from typing import Any
 from deltact_fab.common import digest
 from deltact_fab.common.jobs.local import THREAD_VARIABLES
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
-from deltact_fab.physics.gel.finite.linear import SolverName
 from deltact_fab.studies.numerics.engine import Case
-from deltact_fab.studies.numerics.engines import gel, gel_press
-from deltact_fab.studies.numerics.engines.gel_press import PressSetup
+from deltact_fab.studies.numerics.engines import gel
 from deltact_fab.studies.numerics.harness import describe_machine
 from deltact_fab.version import library_versions
 
-from . import felupe, flow_peers, gel_long, store
-from .gel_press import WholePress
+from . import flow_peers, gel_long, store
+from .gel_press import felupe_row
 from .held import every_held, held_row
-from .measure import case_row, curve_row, reference_row
+from .measure import case_row
 from .presses import press_row
 from .tables import write_up
 
@@ -69,13 +67,9 @@ def rows() -> Iterator[EvidenceRow]:
     """All rows, the cheap tables first."""
     yield from _of_cases("stability", [*gel.cases(False), *gel_long.cases()])
     for depth in (2.0, 5.0):
-        for mu in (0.0, 0.5):
-            name = f"reference: {depth:g} mm, friction {mu:g}"
-            yield EvidenceRow(name, partial(reference_row, depth, mu))
-    for solve, run in every_run():
-        yield EvidenceRow(
-            f"curve: {run.case}: {run.series}: {run.name}", partial(curve_row, solve, run)
-        )
+        for cell in (3.0, 2.0):
+            name = f"felupe: {depth:g} mm, cells of {cell:g} mm"
+            yield EvidenceRow(name, partial(felupe_row, depth, cell))
     for i in range(RANDOM_PRESSES):
         yield EvidenceRow(f"press: {i + 1}", partial(press_row, i))
     for held in every_held():
@@ -88,27 +82,6 @@ def rows() -> Iterator[EvidenceRow]:
 def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
     for case in cases:
         yield EvidenceRow(f"{table}: {case.name}", partial(case_row, case))
-
-
-def every_run() -> Iterator[tuple[Callable[[Any], Any], PressSetup]]:
-    """The points of the curves, each with what solves it; the longest take minutes."""
-    solvers: tuple[SolverName, ...] = ("pardiso", "superlu")
-    finite, linear, auto = gel_press.solve_finite, gel.solve_linear, gel.solve_auto
-    for depth in (2.0, 5.0):
-        for mu in (0.0, 0.5):
-            for h in (3.0, 2.0, 1.5, 1.0, 0.75):
-                yield finite, PressSetup("hyperelastic", depth, mu, h)
-            yield finite, WholePress("hyperelastic", depth, mu, 2.0)
-            for tolerance in (0.1, 0.03, 0.01):
-                yield auto, PressSetup("auto", depth, mu, tolerance=tolerance)
-            if depth == 2.0:  # beyond a quarter of the thickness the linear level refuses
-                for h in (0.5, 0.25):
-                    yield linear, PressSetup("linear", depth, mu, h)
-        for solver in solvers:
-            yield finite, WholePress("hyperelastic", depth, 0.0, 2.0, solver=solver)
-        for h in (3.0, 2.0):
-            yield finite, WholePress("hyperelastic", depth, 0.0, h, part="even")
-            yield felupe.solve, felupe.FelupeRun("hyperelastic", depth, 0.0, h, part="even")
 
 
 def _spelled(call: Any) -> tuple[str, set[str]]:

@@ -20,10 +20,8 @@ from deltact_fab.common.errors import InputError, RunFailed
 from deltact_fab.physics.gel.finite.press import FinitePress
 from deltact_fab.physics.gel.finite.surface import HARDENING_CELLS, MAX_HARDENING, RAMP_DEPTH_SHARE
 from deltact_fab.sensor.shapes.tips import SphereTip
-from deltact_fab.studies.numerics.engines.gel_press import GelAnswer, mesh_and_lattice
 
 from . import peer
-from .gel_press import WholePress
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,36 +95,18 @@ def felupe_press(
     return peer.ask("felupe", "felupe_press.py", given, threads, timeout_s)
 
 
-class FelupeRun(WholePress):
-    """The same press, solved by felupe."""
-
-    @property
-    def series(self) -> str:
-        """As the curve is called."""
-        return "felupe, whole, cells of one size"
-
-
-def solve(run: FelupeRun) -> GelAnswer:
-    """Raises RunFailed where there is no felupe, or where it does not converge."""
-    press, lattice = mesh_and_lattice(run)
-    n = max(1, math.ceil(run.depth_mm / run.step_mm - 1e-9))
-    tips = [(0.0, 0.0, run.depth_mm * (i / n)) for i in range(1, n + 1)]
+def solve_by_felupe(press: FinitePress, depth_mm: float, step_mm: float) -> dict[str, Any]:
+    """A press in the middle. Raises RunFailed without felupe, or where it does not converge."""
+    n = max(1, math.ceil(depth_mm / step_mm - 1e-9))
+    tips = [(0.0, 0.0, depth_mm * (i / n)) for i in range(1, n + 1)]
     found = felupe_press(felupe_case(press, tips))
     if found is None:
         raise RunFailed("felupe: not run: no .venv-peers (make peers)")
     if not found["converged"]:
         raise RunFailed(f"felupe: {found['reason']}")
-    u = np.zeros_like(press.mesh.nodes_mm)
-    u[found["surface"]] = found["displacement_mm"][-1]
-    note = {
-        "dofs": found["unknowns"],
-        "iterations": int(np.sum(found["iterations"])),
-        "version": found["felupe"],
-        "setup_s": found["setup_s"],
-        "press_s": found["press_s"],
-        "solver_s": found["solver_s"],
+    return {
+        "felupe_n": -float(found["force_n"][-1][2]),
+        "felupe_s": float(found["setup_s"] + found["press_s"]),
+        "unknowns": found["unknowns"],
+        "felupe": found["felupe"],
     }
-    inner_s = float(found["setup_s"] + found["press_s"])
-    return GelAnswer(
-        -float(found["force_n"][-1][2]), lattice.displacement_mm(u)[..., :2], note, inner_s
-    )

@@ -1,61 +1,34 @@
-"""The press of the gel's curves on other parts of the block and with friction; its references."""
+"""A press on cells of one size, solved here and by felupe with the same law and contact."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+import time
+from typing import Any
 
-from deltact_fab.physics.gel.finite.linear import SolverName
-from deltact_fab.studies.numerics.engines import gel_press
-from deltact_fab.studies.numerics.engines.gel_press import (
-    SPHERE_INDENTER,
-    GelCase,
-    PressReference,
-    PressSetup,
-    rms_mm,
-)
+from deltact_fab.physics import follow_path
+from deltact_fab.studies.numerics.engines.gel_press import SPHERE_INDENTER, GelCase
 
-# With friction: coarser and finer cells, steps, and steps of a second run on the coarser cells:
-# friction remembers its path, and how finely that is cut is a first-order error of its own.
-FINE = (1.0, 0.75)
-STEPS_MM = (0.25, 0.125)
-# What `reference` says of itself, measured; a slow test holds it to that: depth, friction.
-OWN_ERROR = {(5.0, 0.5): (0.9, 0.018)}
+from .felupe import solve_by_felupe
+
+STEP_MM = 1.0
 
 
-@dataclass(frozen=True)
-class WholePress(PressSetup):
-    """part: of the block that is meshed; `even`: whole, cells of one size."""
+def felupe_row(depth_mm: float, spacing_mm: float) -> dict[str, Any]:
+    """Forces and times of both, once after a warm-up. Raises RunFailed without felupe's answer."""
+    case = GelCase(SPHERE_INDENTER, spacing_mm, mirrors=(False, False), focus=None)
 
-    part: Literal["whole", "even"] = "whole"
-    solver: SolverName = "auto"
+    def solve(depth: float) -> float:
+        press = case.press()
+        *_, last = follow_path(press, press.rest(), (0.0, 0.0, depth), STEP_MM)
+        return -float(press.wrench(last)[0][2])
 
-    @property
-    def scene(self) -> GelCase:
-        """Without mirrors."""
-        whole = GelCase(SPHERE_INDENTER, self.spacing_mm, self.friction, mirrors=(False, False),
-                        solver=self.solver)  # fmt: skip
-        return replace(whole, focus=None) if self.part == "even" else whole
-
-    @property
-    def series(self) -> str:
-        """As the curve is called."""
-        part = {"even": "whole, cells of one size"}.get(self.part, self.part)
-        return f"hyperelastic, {part}" + ("" if self.solver == "auto" else f", {self.solver}")
-
-
-def reference(depth_mm: float, friction: float) -> PressReference:
-    """Extrapolated from two meshes of a quarter, and two steps where there is friction."""
-    if friction == 0:
-        return gel_press.reference(depth_mm)
-    runs = [
-        PressSetup("hyperelastic", depth_mm, friction, h, step)
-        for h, step in ((FINE[0], STEPS_MM[0]), (FINE[1], STEPS_MM[0]), (FINE[0], STEPS_MM[1]))
-    ]
-    force, u = gel_press.cached_solutions(runs)
-    found = gel_press.extrapolate(force, u, FINE)
-    normal_n = found.normal_n + 2 * (force[2] - force[0])
-    in_plane_mm = found.in_plane_mm + 2 * (u[2] - u[0])
-    return PressReference(
-        normal_n, in_plane_mm, 100 * abs(normal_n / force[1] - 1), rms_mm(in_plane_mm - u[1])
-    )
+    solve(0.5)
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    normal_n = solve(depth_mm)
+    wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+    answer = solve_by_felupe(case.press(), depth_mm, STEP_MM)
+    return {
+        "indenter": SPHERE_INDENTER, "depth_mm": depth_mm, "spacing_mm": spacing_mm,
+        "normal_n": normal_n, "wall_s": wall_s, "cpu_s": cpu_s, **answer,
+        "times_as_fast": answer["felupe_s"] / wall_s,
+    }  # fmt: skip

@@ -1,9 +1,10 @@
 """Presses in the middle of a wide block, solved by `gel_axisymmetric` as truths for the gel.
 
-`python -m benchmarks.gel_truths SEED COUNT` draws balls and flat punches, frictionless or at full
-stick, and writes their forces and radial displacements to `ASSET` (simulated, by a solver that
+`python -m benchmarks.gel_truths FILE --solve SEED COUNT` draws balls and flat punches, frictionless
+or at full stick, and writes their forces and radial displacements (simulated, by a solver that
 shares no line with the product's). The block is so wide that its shape does not matter: the truth's
-is a cylinder of equal area.
+is a cylinder of equal area. Without `--solve`, `gel press` is compared with a file; `--asset`
+writes those of the numerics page.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.physics.gel.press import press_gel
-from deltact_fab.sensor.elasticity.material import GelMaterial
-from deltact_fab.sensor.shapes.indenter import parse_indenter
-from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.common import RunFailed
+from deltact_fab.paths import asset
+from deltact_fab.studies.numerics.engines.gel import RADII_STEP_MM, TRUTH_MPA, TruePress
+from deltact_fab.version import library_versions
 
+from . import gel_drags
 from .gel_axisymmetric import Ball, Cylinder, Flat, Pressed, graded, rim_lines
 
-FOLDER = Path(__file__).parent
-RADII_STEP_MM = 0.25
 EDGE_MM = 0.3  # of the product's flat punches
 STICK = 2.0  # friction coefficient at which nothing slips
-MODULUS_MPA = 0.56
+DRAG_ERROR = 0.02  # of the drags' forces, by finer cells: docs/evidence/gel.md
+LIBRARIES = ("numpy", "scipy")
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class AxialPress:
             r = rim_lines(cell, self.radius_mm, face)
             tool, fine_mm, step_mm = Flat(self.radius_mm, EDGE_MM), 4 * cell, 0.5 * cell
         z = -graded(h, cell, min(fine_mm, h / 2), growth=1.35, most=40.0)[::-1]
-        body = Cylinder(r, z, MODULUS_MPA, self.poisson)
+        body = Cylinder(r, z, TRUTH_MPA, self.poisson)
         closed_mm = 1e-4 if self.friction else 1e-5
         return body.press(
             tool, [self.depth_mm], step_mm=step_mm, friction=self.friction, closed_mm=closed_mm
@@ -101,63 +102,117 @@ def truth_row(press: AxialPress) -> dict[str, Any]:
     except RuntimeError as error:
         return row | {"force_n": None, "reason": str(error)}
     radii_mm = np.arange(0.0, press.side_mm / 2, RADII_STEP_MM)
+    change_mm = fine.radial_mm(radii_mm) - coarse.radial_mm(radii_mm)
     return row | {
         "force_n": round(fine.force_n, 6),
         "error_rel": round(abs(coarse.force_n / fine.force_n - 1), 6),
         "rim_mm": [round(r, 4) for r in fine.rim_mm],
+        "in_plane_error_mm": round(float(np.sqrt((change_mm**2).mean())), 6),
         "peak_mm": round(float(np.abs(fine.u_r_mm).max()), 5),
         "radial_mm": [round(u, 5) for u in fine.radial_mm(radii_mm)],
     }
 
 
+def true_press(row: dict[str, Any]) -> TruePress:
+    """Truth of the numerics page."""
+    return TruePress(
+        row["indenter"], row["poisson"], row["friction"], (row["side_mm"],) * 2,
+        row["thickness_mm"], row["depth_mm"], (0.0, 0.0, -row["force_n"]), row["error_rel"],
+        "axisymmetric, benchmarks.gel_axisymmetric", radial_mm=tuple(row["radial_mm"]),
+    )  # fmt: skip
+
+
+def true_drag(drag: gel_drags.Drag, twin: dict[str, Any], k: int) -> TruePress:
+    """Truth of the page: state k of a drag."""
+    fx, fy, fz = (round(float(f), 6) for f in twin["force"][k])
+    return TruePress(
+        f"sphere:{drag.ball_mm:g}", 0.49, drag.friction, (36.0, 34.0), drag.thickness_mm,
+        drag.depth_mm, (fx, fy, fz), DRAG_ERROR, "3D, benchmarks.gel_twin",
+        round(float(twin["tip"][k][0]), 6),
+    )  # fmt: skip
+
+
+def write_asset(path: Path, names: Sequence[str]) -> None:
+    """Write the truths of the numerics page: presses of a file by indenter, and a drag."""
+    found = json.loads(path.read_text())
+    rows = {row["indenter"]: row for row in found["presses"]}
+    drag, twin = list(gel_drags.stored().items())[2]
+    truths = [*(true_press(rows[name]) for name in names), true_drag(drag, twin, 9)]
+    scripts = f"benchmarks.gel_truths {found['seed']}, benchmarks.gel_drags"
+    content = {"simulated": True, "scripts": scripts, "versions": library_versions(LIBRARIES)}
+    content["presses"] = [asdict(truth) for truth in truths]
+    asset("gel_truths.json").write_text(json.dumps(content) + "\n")
+
+
 def judged_row(row: dict[str, Any]) -> dict[str, Any]:
     """Errors of `gel press` at finite strain, true and estimated; raises nothing of the gel's."""
-    size = row["thickness_mm"]
-    skin = SkinDimensions(row["side_mm"], row["side_mm"], size, min(2.0, size / 2), size)
-    gel = GelMaterial(MODULUS_MPA, row["poisson"], friction=row["friction"])
-    start_s = time.thread_time()
-    outcome = press_gel(
-        skin, gel, parse_indenter(row["indenter"]), (0.0, 0.0), row["depth_mm"],
-        model="hyperelastic",
-    )  # fmt: skip
-    result, cpu_s = outcome.result, time.thread_time() - start_s
-    if result["force_n"] is None:
-        return row | {"refused": result["reason"], "cpu_s": cpu_s}
-    estimate, rim_mm = result["error_estimate"], float(np.mean(row["rim_mm"]))
-    x, y = np.meshgrid(outcome.x_mm, outcome.y_mm)
-    r = np.hypot(x, y)
-    radii_mm = RADII_STEP_MM * np.arange(len(row["radial_mm"]))
-    # Nearer to the sides a block is no cylinder: nothing counts as error there.
-    on = r <= row["side_mm"] / 2 - size
-    radial = np.interp(r, radii_mm, row["radial_mm"]) / np.maximum(r, 1e-12)
-    off = outcome.displacement_mm[..., :2] - radial[..., None] * np.stack([x, y], axis=-1)
-    area_mm2 = math.pi * rim_mm**2
+    truth, start_s = true_press(row), time.thread_time()
+    try:
+        press = truth.solve(model="hyperelastic")
+    except RunFailed as error:
+        return row | {"refused": str(error)}
+    result, cpu_s = press.result, time.thread_time() - start_s
+    estimate, area_mm2 = result["error_estimate"], math.pi * float(np.mean(row["rim_mm"])) ** 2
     return row | {
         "cpu_s": cpu_s,
         "within": result["within_tolerance"],
         "force": (-result["force_n"][2] / row["force_n"] - 1, estimate["force_rel"]),
-        "in_plane": (math.sqrt((off[on] ** 2).sum() / on.size), estimate["displacement_mm"]),
+        "in_plane": (truth.in_plane_mm(press), estimate["displacement_mm"]),
         "peak": (result["peak_in_plane_mm"] - row["peak_mm"], estimate["peak_in_plane_mm"]),
         "area": (result["contact_area_mm2"] / area_mm2 - 1,
                  result["contact_area_error_mm2"] / area_mm2),
     }  # fmt: skip
 
 
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Table of errors and estimates in %, and how many are covered."""
+    keys = ("force", "in_plane", "peak", "area")
+    lines = [
+        "| press | force | in plane, um | peak, um | area | CPU s |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        if "force" not in row:
+            lines.append(f"| {row['indenter']} | {row['refused']} |")
+            continue
+        cells = [
+            f"{scale * row[key][0]:+.2f} of {scale * row[key][1]:.2f}"
+            for key, scale in zip(keys, (100, 1e3, 1e3, 100), strict=True)
+        ]
+        name = (f"{row['indenter']}, nu {row['poisson']:g}, {row['depth_mm']:g} of "
+                f"{row['thickness_mm']:g} mm, friction {row['friction']:g}")  # fmt: skip
+        lines.append(f"| {name} | {' | '.join(cells)} | {row['cpu_s']:.1f} |")
+    for key in keys:
+        off, estimate = np.abs([row[key] for row in rows if key in row]).T
+        lines.append(
+            f"{key}: {int((off <= estimate).sum())} of {len(off)} covered, rms "
+            f"{math.sqrt((off**2).mean()):.4f}, median ratio {np.median(estimate / off):.1f}"
+        )
+    return "\n".join(lines)
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("seed", type=int)
-    parser.add_argument("count", type=int)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--solve", type=int, nargs=2, metavar=("SEED", "COUNT"))
+    parser.add_argument("--asset", nargs="+", metavar="INDENTER")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args(argv)
+    if options.asset:
+        write_asset(options.file, options.asset)
+        return
+    if options.solve is None:
+        print(table([judged_row(r) for r in json.loads(options.file.read_text())["presses"]]))
+        return
+    seed, count = options.solve
     rows = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        for row in pool.map(truth_row, draw(options.seed, options.count)):
+        for row in pool.map(truth_row, draw(seed, count)):
             rows.append(row)
             print(
                 row["indenter"], row["force_n"], row.get("error_rel"), row.get("reason"), flush=True
             )
-            options.out.write_text(json.dumps({"seed": options.seed, "presses": rows}))
+            options.file.write_text(json.dumps({"seed": seed, "presses": rows}))
 
 
 if __name__ == "__main__":

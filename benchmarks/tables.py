@@ -42,8 +42,8 @@ def write_up(
            f"`{AGAIN}` runs them again." if stale else "."), "",
     ]  # fmt: skip
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
-        "stability": partial(_stability, "Stiff and extreme cases"), "reference": _references,
-        "curve": _curves, "press": _presses, "held": _held,
+        "stability": partial(_stability, "Stiff and extreme cases"), "felupe": _felupe,
+        "press": _presses, "held": _held,
         "peer": _peers,
         "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
     }  # fmt: skip
@@ -118,56 +118,19 @@ def _stability(title: str, entries: Sequence[dict[str, Any]]) -> list[str]:
     return [f"## {title}", "", f"{told}.", "", *_table(head, body)]
 
 
-def _references(entries: Sequence[dict[str, Any]]) -> list[str]:
-    head = ("depth, mm", "friction", "meshes, mm", "step, mm", "force, N", "own error, %",
-            "own error in plane, mm")  # fmt: skip
-    keys = ("depth_mm", "friction", "meshes_mm", "step_mm", "normal_n", "own_force_percent",
-            "own_in_plane_mm")  # fmt: skip
+def _felupe(entries: Sequence[dict[str, Any]]) -> list[str]:
+    head = ("press", "cells, mm", "unknowns", "force, N", "felupe, N", "wall, s", "felupe, s",
+            "times as fast")  # fmt: skip
+    keys = ("spacing_mm", "unknowns", "normal_n", "felupe_n", "wall_s", "felupe_s",
+            "times_as_fast")  # fmt: skip
     body = [
-        [_marked(e, e["result"]["depth_mm"]), *(e["result"][k] for k in keys[1:])]
+        [_marked(e, f"{e['result']['indenter']} to {e['result']['depth_mm']:g} mm"),
+         *(e["result"][k] for k in keys)]
         if "failed" not in e["result"]
         else [_marked(e, e["key"]["row"]), e["result"]["failed"]] for e in entries
     ]  # fmt: skip
-    return ["## References of the curves", "", *_table(head, body)]
-
-
-def _curves(entries: Sequence[dict[str, Any]]) -> list[str]:
-    out = ["## Error against run time", "",
-           "One run each after a warm-up. Times as fast: CPU time (felupe: wall time) of "
-           "`hyperelastic, whole, cells of one size` at the same spacing over the row's; felupe "
-           "has the same mesh and contact."]  # fmt: skip
-    by_case: dict[str, list[dict[str, Any]]] = {}
-    for e in entries:
-        case = e["result"].get("case") or e["key"]["row"].split(": ")[1]
-        by_case.setdefault(case, []).append(
-            {"series": None, **e["result"], "row": e["key"]["row"], "entry": e}
-        )
-    head = ("series", "setting", "wall, s", "CPU, s", "times as fast", "MB", "force error, %",
-            "in plane, mm rms", "note")  # fmt: skip
-    for case, found in by_case.items():
-        even = "hyperelastic, whole, cells of one size"
-        base = {r["setting"]: (r["wall_s"], r["cpu_s"]) for r in found if r["series"] == even}
-        body: list[Sequence[Any]] = []
-        for r in found:
-            if "failed" in r:
-                name = _marked(r["entry"], r["row"].partition(": ")[2])
-                body.append((name, *[None] * 7, r["failed"]))
-                continue
-            wall, cpu = base.get(r["setting"], (None, None))
-            times = None
-            if wall and r["cpu_s"] is None:
-                times = wall / r["wall_s"]
-            elif cpu and r["cpu_s"]:
-                times = cpu / r["cpu_s"]
-            note = ", ".join(
-                f"{k} {v:.3g}" if isinstance(v, float) else f"{k} {v}"
-                for k, v in r["note"].items() if not isinstance(v, dict)
-            )  # fmt: skip
-            body.append((_marked(r["entry"], r["series"]), r["setting"], r["wall_s"], r["cpu_s"],
-                         times, r["peak_mb"], r["force_percent"], r["in_plane_mm"],
-                         note))  # fmt: skip
-        out += ["", f"### {case}", "", *_table(head, body)]
-    return out
+    text = "One run each on one thread, with the same mesh, law and contact; set-up counts."
+    return ["## Beside felupe", "", text, "", *_table(head, body)]
 
 
 def coverage(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ def test_rows_are_unique_and_stored() -> None:
     names = [r.name for r in evidence.rows()]
     assert len(set(names)) == len(names)
     kinds = {name.partition(":")[0] for name in names}
-    assert kinds == {"stability", "reference", "curve", "press", "held", "peer", "drag"}
+    assert kinds == {"stability", "felupe", "press", "held", "peer", "drag"}
     assert set(store.read(evidence.HERE / evidence.ROWS)) == set(names)
 
 
@@ -36,7 +36,7 @@ def of(row: evidence.EvidenceRow) -> set[str]:
 
 def test_row_depends_on_its_level_only() -> None:
     rows = {r.name: r for r in evidence.rows()}
-    finite = of(rows["curve: sphere:15 pressed 2 mm, no friction: hyperelastic, quarter: 2 mm"])
+    finite = of(rows["felupe: 2 mm, cells of 2 mm"])
     assert {"physics/gel/finite/newton.py", "studies/numerics/engines/gel_press.py"} <= finite
     assert not finite & {
         "physics/gel/press.py",

@@ -12,6 +12,7 @@ from .output import Answer, answers, columns_of, files_line, progress
 CURVE_COLUMNS = (
     "engine", "case", "series", "setting", "cpu_s", "cpu_most_s", "wall_s", "compile_s", "peak_mb",
     "error", "unit", "kind", "reference", "reference_error", "times_as_fast", "baseline", "pareto",
+    "recommended",
 )  # fmt: skip
 CASE_COLUMNS = ("engine", "outcome", "case", "expectation", "figure", "bound", "unit")
 

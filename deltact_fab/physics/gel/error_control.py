@@ -4,9 +4,10 @@ Each mesh is MESH_RATIO times as fine as the one before and starts from its incr
 corrected to a hard contact (`finite.gel.lacking_n`) and, where the contact is smooth, extrapolated
 from two meshes at second order. The contact's rim falls into the cells by chance, so what remains
 is scatter: a mesh's is a factor of the kind of contact x a power of cell/contact radius, that of an
-extrapolation follows, and it is never less than half of the correction. With friction, steps STEP_RATIO times as large on the coarser mesh estimate the
-step error. The linear level adds its model error by the measured rule of `linear.validity`.
-docs/evidence/gel.md tests the estimate on presses that did not set the factors.
+extrapolation follows, and it is never less than half of the correction. With friction, steps
+STEP_RATIO times as large on the coarser mesh estimate the step error. The linear level adds its
+model error by the measured rule of `linear.validity`. docs/evidence/gel.md tests the estimate on
+presses that did not set the factors.
 
 A CPU time limit (`time_limit`) shortens the sequence at both ends: where the first mesh costs too
 much, coarser ones are solved first, and no mesh is started that is predicted to exceed the limit.

@@ -60,8 +60,8 @@ def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
     return Check(
         "cases",
         value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, or refused. The "
-        "engines can be trusted within the errors below that are against an independent reference; "
-        "a self-test does not show accuracy.",
+        "engines can be trusted within the errors below; one against a finer self shows convergence, "
+        "not accuracy, and is never on the front.",
     )
 
 
@@ -83,7 +83,8 @@ def error_against_time(rows: Sequence[dict[str, Any]]) -> Figure:
         axis.plot(best, errors, marker=figures.SERIES_MARKERS[i % len(figures.SERIES_MARKERS)],
                   color=colour, ms=6, lw=1.0, ls="-" if ladder else "none", label=name)  # fmt: skip
         axis.hlines(errors, best, slowest, color=colour, lw=2.5, alpha=0.25)
-        names += [(x, y, r["setting"], colour) for x, y, r in zip(best, errors, part, strict=True)]
+        labels = [r["setting"] + (" (default)" if r["recommended"] else "") for r in part]
+        names += [(*mark, colour) for mark in zip(best, errors, labels, strict=True)]
     front = sorted((r for r in valid if r["pareto"]), key=lambda r: r["cpu_s"])
     axis.plot([r["cpu_s"] * 1e3 for r in front], [r["error"] for r in front], "o:", ms=12,
               lw=0.9, color=figures.SOFT_COLOUR, mfc="none", mew=1.1, label="Pareto front",

@@ -14,6 +14,7 @@ from typing import Any, Literal
 from deltact_fab.common import DeltactFabError
 
 Expectation = Literal["right", "refused", "right or refused"]
+TruthKind = Literal["exact", "independent solver", "finer self", "real recording"]
 
 
 class Flagged(DeltactFabError):
@@ -35,8 +36,9 @@ class CurveSetting:
     case: problem solved; one panel per case. series, name: parameters; a line joins a series.
     unit: of the error. reference, reference_error: reference solution and its error, in `unit`.
     build: called in a fresh process with a scratch folder that all settings of a command share.
-    kind: "independent" if the reference is a closed form, another method or a truth whose model the
-    estimator does not share; "self-test" if they share it or it is our own solver on a finer mesh.
+    kind: of the reference. "exact": a closed form, or the field that an image was drawn from. A
+    "finer self" shows convergence, not accuracy, and is never on the front.
+    recommended: whether it is the default of the engine's users.
     A case's first setting is its baseline.
     """
 
@@ -47,7 +49,8 @@ class CurveSetting:
     reference: str
     reference_error: float
     build: Callable[[Path], Work]
-    kind: Literal["independent", "self-test"] = "independent"
+    kind: TruthKind = "exact"
+    recommended: bool = False
 
     @property
     def key(self) -> str:

@@ -1,31 +1,49 @@
-"""The gel's engine: its reference and its judges."""
+"""The gel's engine: its truths and its judges."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import gel_press as evidence
-from deltact_fab.studies.numerics.engines import gel_press
+from deltact_fab.physics.gel.level_selection import FORCE_TOLERANCE
+from deltact_fab.physics.gel.press import PressOutcome
+from deltact_fab.studies.numerics.engines import gel, gel_press
 from deltact_fab.studies.numerics.engines.gel_press import FiniteSolution, GelCase
 
-SLOW = pytest.mark.slow
+
+def test_true_press_measures_errors() -> None:
+    truth = gel.load_truths()[0]
+    x = y = np.linspace(-5, 5, 21)
+    off_mm = np.array([0.003, -0.004])
+    r = np.hypot(*np.meshgrid(x, y))
+    radial = np.interp(r, gel.RADII_STEP_MM * np.arange(len(truth.radial_mm)), truth.radial_mm)
+    field = np.stack(np.meshgrid(x, y), axis=-1) * (radial / np.maximum(r, 1e-12))[..., None]
+    u = np.dstack([field + off_mm, np.zeros_like(r)])
+    result = {"force_n": [0.0, 0.0, 1.02 * truth.force_n[2]]}
+    press = PressOutcome(result, np.empty(0), np.empty(0), x, y, u)
+    assert truth.force_percent(press) == pytest.approx(2.0)
+    inside = (r <= truth.side_mm[0] / 2 - truth.thickness_mm).mean()
+    assert truth.in_plane_mm(press) == pytest.approx(0.005 * np.sqrt(inside), rel=1e-6)
 
 
-def test_extrapolation_removes_second_order_error() -> None:
-    field = np.random.default_rng(0).standard_normal((5, 4, 2))
-    off = np.random.default_rng(1).standard_normal((5, 4, 2))
-    cells = (0.75, 0.5)
-    found = gel_press.extrapolate(
-        [40 + 3 * h**2 for h in cells], [field + off * h**2 for h in cells], cells
-    )
-    assert found.normal_n == pytest.approx(40, rel=1e-12)
-    assert np.abs(found.in_plane_mm - field).max() < 1e-12
-    assert found.force_error == pytest.approx(100 * (1 - 40 / 40.75), rel=1e-9)
-    assert found.in_plane_error == pytest.approx(0.25 * gel_press.rms_mm(off), rel=1e-9)
+def test_curves_have_outside_truths_and_defaults() -> None:
+    settings = gel.curves(False)
+    assert {s.kind for s in settings} == {"independent solver"}
+    assert {t.solver.split(",")[0] for t in gel.load_truths()} == {"axisymmetric", "3D"}
+    default = {s.case: s.name for s in settings if s.recommended}
+    assert default == dict.fromkeys({s.case for s in settings}, f"tolerance {FORCE_TOLERANCE:g}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", gel.load_truths(), ids=lambda truth: truth.name)
+def test_estimate_covers_stored_truths(truth: gel.TruePress) -> None:
+    press = truth.solve()
+    estimate = press.result["error_estimate"]
+    assert truth.force_percent(press) / 100 <= estimate["force_rel"] + truth.error_rel
+    if truth.radial_mm:
+        assert truth.in_plane_mm(press) <= estimate["displacement_mm"]
 
 
 @pytest.fixture(scope="module")
@@ -48,17 +66,3 @@ def test_excess_shear_is_detected() -> None:
     assert gel_press.cone_excess(rubbed) < 5e-3
     more = replace(rubbed.last, shear_mpa=1.1 * rubbed.last.shear_mpa)
     assert gel_press.cone_excess(FiniteSolution(rubbed.press, (more,))) > 0.05
-
-
-@pytest.mark.parametrize(
-    ("of", "what", "own"),
-    [
-        pytest.param(of, *item, marks=SLOW if item[0][1] is True else pytest.mark.evidence)
-        for of, table in ((gel_press.reference, gel_press.REFERENCE_ERROR),
-                          (evidence.reference, evidence.OWN_ERROR)) for item in table.items()
-    ],
-)  # fmt: skip
-def test_reference_error_is_as_stated(of: Any, what: tuple[Any, ...], own: Any) -> None:
-    truth = of(*what)
-    assert truth.force_error <= own[0] * 1.1
-    assert truth.in_plane_error <= own[1] * 1.1

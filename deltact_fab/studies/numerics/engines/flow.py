@@ -159,12 +159,24 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     )  # fmt: skip
     methods = ("fused", "dis-medium", "dis-fast") if quick else FlowMethod.NAMES
     pairs = [
-        millimetres(case=PRESS_CASE, series="a pair", name=method, build=partial(_pair, method))
+        millimetres(
+            case=PRESS_CASE,
+            series="a pair",
+            name=method,
+            build=partial(_pair, method),
+            recommended=method == FlowTracker().method,
+        )
         for method in methods
     ]
     trackers = () if quick else ("fused", "fused/static", "dis-medium", FlowTracker.PAPER)
     return pairs + [
-        millimetres(case=FAR_CASE, series=name, name="ten frames", build=partial(_track_far, name))
+        millimetres(
+            case=FAR_CASE,
+            series=name,
+            name="ten frames",
+            build=partial(_track_far, name),
+            recommended=name == FlowTracker().method,
+        )
         for name in trackers
     ]
 

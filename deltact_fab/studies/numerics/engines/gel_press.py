@@ -1,8 +1,7 @@
-"""Presses of the gel at finite strain, their check figures, and the reference solution.
+"""Presses of the gel at finite strain, and their check figures.
 
 Each figure has an independent check: a finer mesh; work of the indenter on a frictionless path
-against the stored energy; force at the base; mirror images; the friction cone. The reference of the
-curves is the same press on two meshes, extrapolated, kept in the user's cache.
+against the stored energy; force at the base; mirror images; the friction cone.
 A row of evidence depends on this module's imports: the linear level is in `gel`.
 """
 
@@ -10,23 +9,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import Field, Point, Store, cache_key
-from deltact_fab.physics import (
-    FaceLattice,
-    FinitePress,
-    FiniteState,
-    GelLevel,
-    IncrementDiagnostics,
-    SolverName,
-    follow_path,
-)
+from deltact_fab.common import Field, Point
+from deltact_fab.physics import FinitePress, FiniteState, SolverName, follow_path
 from deltact_fab.sensor import GelMaterial, SkinDimensions, parse_indenter
 
 from ..engine import Flagged
@@ -198,138 +189,6 @@ def expect_refusal(call: Callable[[], Any], scratch: Path) -> float:
     return math.nan
 
 
-FACE_LATTICE_MM = 0.5  # by hand: finer compares more points, slower
-
-
-@dataclass(frozen=True)
-class PressSetup:
-    """One way to compute the press.
-
-    spacing_mm: of grid or cells; 0 for `auto`, which chooses it. step_mm: increments of the
-    finite-strain level.
-    """
-
-    level: GelLevel
-    depth_mm: float
-    friction: float
-    spacing_mm: float = 0.0
-    step_mm: float = 1.0
-    tolerance: float = 0.03
-
-    @property
-    def scene(self) -> GelCase:
-        """Quarter of the block at finite strain."""
-        return GelCase(SPHERE_INDENTER, self.spacing_mm, self.friction)
-
-    @property
-    def series(self) -> str:
-        labels = {"auto": "auto, by tolerance, estimate included",
-                "hyperelastic": "hyperelastic, quarter"}  # fmt: skip
-        return labels.get(self.level, self.level)
-
-    @property
-    def name(self) -> str:
-        auto = self.level == "auto"
-        return f"tolerance {self.tolerance:g}" if auto else f"{self.spacing_mm:g} mm"
-
-    @property
-    def case(self) -> str:
-        friction = f"friction {self.friction:g}" if self.friction else "no friction"
-        return f"{SPHERE_INDENTER} pressed {self.depth_mm:g} mm, {friction}"
-
-
-@dataclass(frozen=True, eq=False)
-class GelAnswer:
-    """normal_n: positive when pressed. in_plane_mm: (ny, nx, 2) on the lattice. note: solver data.
-
-    inner_s: seconds without the start of the process, for solvers in one of their own.
-    """
-
-    normal_n: float
-    in_plane_mm: Field
-    note: dict[str, Any]
-    inner_s: float | None = None
-
-
-def mesh_and_lattice(run: PressSetup) -> tuple[FinitePress, FaceLattice]:
-    """Mesh with solver, and the face lattice, placed as by `path.open.contact_of`."""
-    press = run.scene.press()
-    x, y = (
-        np.linspace(-half, half, 2 * math.ceil(half / FACE_LATTICE_MM - 1e-9) + 1)
-        for half in run.scene.skin().opening_half_mm
-    )
-    return press, FaceLattice(press.mesh, x, y)
-
-
-def solve_finite(run: PressSetup) -> GelAnswer:
-    """Solve at finite strain on the run's mesh."""
-    press, lattice = mesh_and_lattice(run)
-    states = list(follow_path(press, press.rest(), (0.0, 0.0, run.depth_mm), run.step_mm))
-    force, _ = press.wrench(states[-1])
-    work = IncrementDiagnostics.combine([s.diagnostics for s in states])
-    note = {"dofs": press.mesh.free_dofs, "solver": press.solver.name, **vars(work)}
-    u = lattice.displacement_mm(states[-1].displacement_mm)[..., :2]
-    return GelAnswer(-float(force[2]), u, note)
-
-
-# -- the reference --------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class PressReference:
-    """Reference solution and its errors, in % of the force and mm rms."""
-
-    normal_n: float
-    in_plane_mm: Field
-    force_error: float
-    in_plane_error: float
-
-
-REFERENCE_CELLS_MM, QUICK_CELLS_MM = (0.75, 0.5), (1.5, 1.0)  # by hand: 0.5 mm takes a minute
-# Errors of `reference`, measured (test_gel_engine.py, slow).
-REFERENCE_ERROR = {
-    # (depth, quick): % of the force, mm rms in plane
-    (2.0, True): (0.24, 0.0042),
-    (2.0, False): (0.17, 0.0015),
-    (5.0, False): (0.08, 0.005),
-}
-
-
-def reference(depth_mm: float, quick: bool = False) -> PressReference:
-    """Reference from two meshes of a quarter, without friction."""
-    cells = QUICK_CELLS_MM if quick else REFERENCE_CELLS_MM
-    runs = [PressSetup("hyperelastic", depth_mm, 0.0, h) for h in cells]
-    return extrapolate(*cached_solutions(runs), cells)
-
-
-def cached_solutions(runs: list[PressSetup]) -> tuple[list[float], list[Field]]:
-    """Normal forces and in-plane displacements at finite strain, from the user's cache."""
-    key = cache_key("studies.numerics.engines.gel_press", runs=runs, lattice=FACE_LATTICE_MM)
-    store = Store("gel-reference")
-    cached: tuple[list[float], list[Field]] | None = store.read(key)
-    if cached is None:
-        answers = [solve_finite(r) for r in runs]
-        cached = [a.normal_n for a in answers], [a.in_plane_mm for a in answers]
-        store.write(key, cached)
-    return cached
-
-
-def extrapolate(
-    normal_n: Sequence[float], in_plane_mm: Sequence[Field], cells_mm: tuple[float, float]
-) -> PressReference:
-    """Richardson-extrapolate at second order; error: the change from the finer mesh."""
-    weight = 1 / ((cells_mm[0] / cells_mm[1]) ** 2 - 1)
-    force = normal_n[1] + weight * (normal_n[1] - normal_n[0])
-    u = in_plane_mm[1] + weight * (in_plane_mm[1] - in_plane_mm[0])
-    return PressReference(force, u, 100 * abs(force / normal_n[1] - 1), rms_mm(u - in_plane_mm[1]))
-
-
 def rms_mm(vectors_mm: Field) -> float:
     """Root mean square length of in-plane vectors (ny, nx, 2)."""
     return math.sqrt(float((vectors_mm**2).sum(axis=-1).mean()))
-
-
-def errors(answer: GelAnswer, truth: PressReference) -> tuple[float, float]:
-    """Errors: signed, % of the force; in-plane, mm rms."""
-    force = 100 * (answer.normal_n / truth.normal_n - 1)
-    return force, rms_mm(answer.in_plane_mm - truth.in_plane_mm)
