@@ -60,8 +60,8 @@ def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
     return Check(
         "cases",
         value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, or refused. The "
-        "engines can be trusted within the errors below; one against a finer self shows convergence, "
-        "not accuracy, and is never on the front.",
+        "engines can be trusted within the errors below; one against a finer self shows "
+        "convergence, not accuracy, and is never on the front.",
     )
 
 
