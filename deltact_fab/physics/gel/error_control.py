@@ -52,8 +52,8 @@ class ContactKind:
 
 SMOOTH_CONTACT = ContactKind(scatter=0.055, power=1.3, peak=1.5, extrapolated=True)
 SHARP_CONTACT = ContactKind(scatter=0.28, power=1.0, peak=2.0, extrapolated=False)
-SHARP_RADIUS_CELLS = 2.0  # radius of an edge, below which it is sharp: as for its contact points
-CORRECTION_SHARE = 0.5  # least error, of the correction to finer cells
+SHARP_RADIUS_CELLS = 2.0  # by hand: below, an edge has more contact points (`finite.press`)
+CORRECTION_SHARE = 0.5  # by hand: least error, of the correction to finer cells
 # Factors of the estimate, set on measured presses (docs/evidence/gel.md).
 MESH_RATIO, STEP_RATIO = 1.5, 2.0  # by hand: smaller ones resolve less, larger ones waste a mesh
 LONE_FACTOR = 3.0  # x scatter with a single mesh; in plane the whole field counts as error

@@ -230,8 +230,8 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
     first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
-    least = MIN_REPEATS if first_s < LONG_RUN_S else MIN_LONG_REPEATS
-    while len(cpu_s) < least or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
+    min_repeats = MIN_REPEATS if first_s < LONG_RUN_S else MIN_LONG_REPEATS
+    while len(cpu_s) < min_repeats or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
         clear_caches(scratch)
         start_s, start_cpu_s = time.perf_counter(), time.process_time()
         result = work.run()
@@ -258,12 +258,12 @@ def compare_to_baseline(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     for row in rows:
         same_case = [r for r in rows if (r["engine"], r["case"]) == (row["engine"], row["case"])]
         cost = row["cpu_s"], row["error"]
-        judged = [r for r in same_case if r["error"] is not None and r["kind"] != "finer self"]
-        beaten = row not in judged or any(
+        comparable = [r for r in same_case if r["error"] is not None and r["kind"] != "finer self"]
+        beaten = row not in comparable or any(
             r["cpu_s"] <= row["cpu_s"]
             and r["error"] <= row["error"]
             and (r["cpu_s"], r["error"]) != cost
-            for r in judged
+            for r in comparable
         )
         out.append(row | {
             "baseline": f"{same_case[0]['series']}, {same_case[0]['setting']}",

@@ -25,7 +25,7 @@ from ..engine import Case, CurveSetting, Engine, Work
 from . import gel_press as checks
 from .gel_press import GelCase, down, solve_press
 
-TOLERANCES = (0.1, FORCE_TOLERANCE, 0.01)
+CURVE_TOLERANCES = 0.1, FORCE_TOLERANCE, 0.01  # by hand: looser and tighter than the default
 
 
 def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
@@ -97,8 +97,8 @@ class TruePress:
     def force_percent(self, press: PressOutcome) -> float:
         """Error of the force, % of its size."""
         truth = np.array(self.force_n)
-        off = np.array(press.result["force_n"]) - truth
-        return 100 * float(np.linalg.norm(off) / np.linalg.norm(truth))
+        error_n = np.array(press.result["force_n"]) - truth
+        return 100 * float(np.linalg.norm(error_n) / np.linalg.norm(truth))
 
     def in_plane_mm(self, press: PressOutcome) -> float:
         """Error of the in-plane displacement, rms over the face.
@@ -108,8 +108,9 @@ class TruePress:
         x, y = np.meshgrid(press.x_mm, press.y_mm)
         r, radii_mm = np.hypot(x, y), RADII_STEP_MM * np.arange(len(self.radial_mm))
         radial = np.interp(r, radii_mm, self.radial_mm) / np.maximum(r, 1e-12)
-        off = press.displacement_mm[..., :2] - radial[..., None] * np.stack([x, y], axis=-1)
-        return checks.rms_mm(off * (r <= min(self.side_mm) / 2 - self.thickness_mm)[..., None])
+        error_mm = press.displacement_mm[..., :2] - radial[..., None] * np.stack([x, y], axis=-1)
+        inner = r <= min(self.side_mm) / 2 - self.thickness_mm
+        return checks.rms_mm(error_mm * inner[..., None])
 
 
 RADII_STEP_MM = 0.25  # definition: of the stored truths
@@ -127,7 +128,9 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
     """`gel press` by tolerance, and its linear level by grid, on presses of other solvers."""
     settings = []
     for truth in load_truths()[: 1 if quick else None]:
-        options: list[dict[str, Any]] = [{"tolerance": t} for t in TOLERANCES[: 2 if quick else 3]]
+        options: list[dict[str, Any]] = [
+            {"tolerance": t} for t in CURVE_TOLERANCES[: 2 if quick else 3]
+        ]
         if not (quick or truth.shear_mm) and truth.indenter.startswith("sphere"):
             options += [{"model": "linear", "spacing_mm": h} for h in (0.5, 0.25)]
         for option in options:
