@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from deltact_fab.common import did_you_mean
 
-GEL_LEVELS = ("linear", "hyperelastic")
+GEL_LEVELS = ("linear", "tabulated", "hyperelastic")
 FORMER_LEVELS = {"layer": "linear", "block": "linear"}
 """Names of the linear model in older files."""
 

@@ -82,7 +82,8 @@ def gel() -> None:
               help="Motion along y after pressing.")  # fmt: skip
 @AT_OPTION
 @click.option("--model", type=click.Choice(MODEL_NAMES), default="auto",
-              help="Gel model; auto takes the cheapest within the tolerance.")  # fmt: skip
+              help="Gel model; auto takes linear or hyperelastic, the cheaper within the "
+              "tolerance; tabulated is for many presses.")  # fmt: skip
 @block_options
 @click.option("--modulus", "modulus_mpa", default=0.56, metavar="MPA",
               help="Young's modulus of the gel.")  # fmt: skip

@@ -197,7 +197,8 @@ class Specimen(Table):
     """Name or path of its pattern recipe."""
     gel_model: Annotated[str, Field(json_schema_extra={"enum": list(GEL_LEVELS)})] = "linear"
     """Model for predicted forces and the virtual gel: "linear" for presses up to a tenth of the
-    thickness; "hyperelastic" (finite strain) for deep ones, takes minutes."""
+    thickness; "hyperelastic" (finite strain) for deep ones, takes minutes; "tabulated" (finite
+    strain of a few places, moved to others) for many presses without drags."""
     modulus_mpa: float = _gel_field("modulus_mpa")
     poisson: float = _gel_field("poisson")
     friction: float = _gel_field("friction")

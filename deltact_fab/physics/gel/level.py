@@ -1,8 +1,9 @@
-"""Common interface of the two levels of gel mechanics; `path.open.open_contact` makes one.
+"""Common interface of the levels of gel mechanics; `path.open.open_contact` makes a contact.
 
-linear: small strain (`linear`). hyperelastic: finite strain (`finite`). Both model the free sides,
-press an `Indenter`, keep their history in the state and return the face on the same lattice,
-independent of their mesh. Also sections and mirror planes of an indenter.
+linear: small strain (`linear`). hyperelastic: finite strain (`finite`). tabulated: finite strain of
+a few places, moved to others by the linear level (`tabulated`). All model the free sides, press an
+`Indenter`, keep their history in the state and return the face on the same lattice, independent of
+their mesh. Also sections and mirror planes of an indenter.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .zones import ZoneMap, Zones
 
 GelLevel = str
 """A name of GEL_LEVELS."""
-LINEAR_LEVEL, FINITE_LEVEL = GEL_LEVELS
+LINEAR_LEVEL, TABULATED_LEVEL, FINITE_LEVEL = GEL_LEVELS
 USUAL_MPA = 0.01, 10.0  # by hand: silicone gels and rubbers, with a margin on both sides
 
 
@@ -80,7 +81,8 @@ class Choice:
     mirrors: planes x = 0, y = 0 at which the mesh ends. focus: box of fine cells
     (x_low, x_high, y_low, y_high). friction: of the solve, 0 where neglected.
     model_force_rel, model_in_plane_mm: model error of the level by the measured rule; 0 for the
-    finite level. reason: one line for a reader. goal_mm: cells that the tolerance requires,
+    finite level. Mesh, mirrors and focus of the tabulated level are those of its press in the
+    middle. reason: one line for a reader. goal_mm: cells that the tolerance requires,
     smaller than spacing_mm where most_unknowns limits them; 0: not chosen by tolerance.
     growth: ratio of neighbouring cells away from the focus; 1: of a linear grid.
     """

@@ -7,6 +7,7 @@ tolerance, the mesh the other half.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from deltact_fab.common import InputError
 from deltact_fab.sensor import GEL_LEVELS, MAX_LINEAR_POISSON, GelMaterial, Indenter, SkinDimensions
@@ -16,6 +17,7 @@ from .finite.mesh import CELL_GROWTH, unknowns
 from .level import (
     FINITE_LEVEL,
     LINEAR_LEVEL,
+    TABULATED_LEVEL,
     Choice,
     GelLevel,
     Reach,
@@ -23,7 +25,7 @@ from .level import (
     is_mirrored,
     section_half_mm,
 )
-from .linear.validity import linear_refusal, model_error
+from .linear.validity import DEPTH_LIMIT, linear_refusal, model_error
 
 # By hand: defaults and range of a tolerance; tighter costs time.
 FORCE_TOLERANCE = 0.03  # relative, of the force
@@ -48,6 +50,11 @@ MIN_INCREMENTS, MAX_INCREMENTS = 4, 40  # least at FORCE_TOLERANCE, fewer above 
 MAX_GROWTH = 1.5  # of cells away from the contact, at any tolerance
 MAX_DOFS = 120_000
 MIN_CELL_MM = 0.15
+# The tabulated level; measured (docs/evidence/gel.md).
+RIM_MM = 8.0  # least distance of the tip from the face's rim
+TABLE_FORCE, TABLE_IN_PLANE = 0.2, 0.2  # of the linear level's model error, that the table leaves
+MAX_TABLE_SLOPE = 0.5  # by hand: depth over that at which the tip's sides turn vertical
+TABLE_DEPTHS = 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0  # definition: ISO 3, series R10
 
 
 def select_level(
@@ -69,6 +76,7 @@ def select_level(
     deepest point of the reach. observe_shear False with a reach of one point in plane neglects
     friction where that changes the force by less than the model's share.
     most_unknowns: limit of a finite-strain mesh chosen here; its cells are enlarged to meet it.
+    Level tabulated: what is outside of the table gets the hyperelastic level, with the reason.
     Raises InputError for a depth, a material or a spacing that the level does not support, and
     names the level that does.
     """
@@ -91,6 +99,12 @@ def select_level(
         reason = error_text if level == LINEAR_LEVEL else f"linear: {refusal or error_text}"
     elif level == LINEAR_LEVEL and refusal:
         raise InputError(f"gel: level linear: {refusal}; use level hyperelastic")
+    elif level == TABULATED_LEVEL:
+        refused = table_refusal(skin, material, indenter, reach)
+        if not refused:
+            asked = friction, observe_shear, spacing_mm, most_unknowns
+            return _table_choice(skin, material, indenter, depth, tolerance, *asked)
+        level, reason = FINITE_LEVEL, f"{TABULATED_LEVEL}: {refused}"
     if level == LINEAR_LEVEL:
         h = spacing_mm or linear_grid_mm(skin, indenter, depth)
         return Choice(
@@ -124,6 +138,67 @@ def select_level(
         f"hyperelastic ({reason}): cells {h:.3g} mm ({basis}), steps {step:.3g} mm, {part}"
         + ("" if mu > 0 or material.friction == 0 else ", friction neglected"),
         required, growth,
+    )  # fmt: skip
+
+
+def table_refusal(
+    skin: SkinDimensions, material: GelMaterial, indenter: Indenter, reach: Reach
+) -> str | None:
+    """Return the reason why the tabulated level does not support a press, or None."""
+    ends, depth = table_half_mm(skin), reach.deepest_mm
+    if reach.moves:
+        return "the tip moves in plane"
+    sides = zip((reach.x_mm, reach.y_mm), ends, strict=True)
+    if any(max(-low, high) > end + 1e-9 for (low, high), end in sides):
+        return f"the tip is nearer than {RIM_MM:g} mm to the rim"
+    if len(indenter.tips) > 1 or indenter.edge_radius_mm < SHARP_EDGE_MM:
+        return f"{indenter.name} is not a single tip without sharp edges"
+    if not 0 < depth <= MAX_TABLE_SLOPE * indenter.equator_mm:
+        limit = MAX_TABLE_SLOPE * indenter.equator_mm
+        return f"depth {depth:g} mm is not within 0 to {limit:g} mm for {indenter.name}"
+    return linear_refusal(skin, material, indenter, depth)
+
+
+def table_half_mm(skin: SkinDimensions) -> tuple[float, float]:
+    """Return the half sides (x, y) of the part of the face that has a table."""
+    x, y = skin.opening_half_mm
+    return x - RIM_MM, y - RIM_MM
+
+
+def table_depth_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) -> float:
+    """Return the depth of the table that serves a press: the next of a series, if possible.
+
+    So presses of all depths share a few tables.
+    """
+    decade = 10.0 ** math.floor(math.log10(depth_mm))
+    depth = next(d for s in (*TABLE_DEPTHS, 10.0) if (d := s * decade) >= depth_mm * (1 - 1e-9))
+    limit = min(DEPTH_LIMIT * skin.thickness_mm, MAX_TABLE_SLOPE * indenter.equator_mm)
+    return max(min(depth, limit), depth_mm)
+
+
+def _table_choice(
+    skin: SkinDimensions, material: GelMaterial, indenter: Indenter, depth_mm: float,
+    tolerance: float, friction: float | None, observe_shear: bool, spacing_mm: float | None,
+    most_unknowns: int | None,
+) -> Choice:  # fmt: skip
+    """Choose mesh and steps of a table: all its places have the cells of its corner."""
+    deepest = table_depth_mm(skin, indenter, depth_mm)
+    x, y = table_half_mm(skin)
+    corner = select_level(
+        skin, material, indenter, Reach((x, x), (y, y), deepest), tolerance, level=FINITE_LEVEL,
+        friction=friction, observe_shear=observe_shear, spacing_mm=spacing_mm,
+        most_unknowns=most_unknowns,
+    )  # fmt: skip
+    middle, h = Reach(deepest_mm=deepest), corner.spacing_mm
+    # Whole cells on both sides, all on the face: below the tip each place has the same cells.
+    reach_mm = focus_mm(skin, indenter, middle, h)[1::2]
+    halves = [max(min(math.ceil(half / h), RIM_MM // h), 1) * h for half in reach_mm]
+    force, in_plane = model_error(skin, indenter, depth_mm, material.poisson)
+    return replace(
+        corner, level=TABULATED_LEVEL, mirrors=mirrors_of(indenter, middle),
+        focus=(-halves[0], halves[0], -halves[1], halves[1]), model_force_rel=TABLE_FORCE * force,
+        model_in_plane_mm=TABLE_IN_PLANE * in_plane,
+        reason=f"tabulated (requested): to {deepest:g} mm; {corner.reason}",
     )  # fmt: skip
 
 

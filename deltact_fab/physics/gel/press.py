@@ -23,14 +23,22 @@ from deltact_fab.common import (
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 
 from . import time_limit
-from .error_control import MeshConvergence, RefinedPress
+from .error_control import MeshConvergence, Opener, RefinedPress
 from .finite.mesh import unknowns
-from .level import FINITE_LEVEL, Choice, GelLevel, contact_radius_mm, unusual_material
-from .level_selection import FORCE_TOLERANCE, MAX_TOLERANCE, MIN_TOLERANCE
+from .level import (
+    FINITE_LEVEL,
+    TABULATED_LEVEL,
+    Choice,
+    GelLevel,
+    contact_radius_mm,
+    unusual_material,
+)
+from .level_selection import FORCE_TOLERANCE, MAX_TOLERANCE, MIN_TOLERANCE, table_depth_mm
 from .path.knots import Increments, KnotPose, ObservedChannels
-from .path.open import choose_level, open_path
+from .path.open import choose_level, open_path, open_table_press
 from .path.solver import PathSolver
 
+TABLE_TOLERANCE = 0.8  # of a press's tolerance; by hand: the rest is for moves and lighter presses
 CPU_LIMIT_S = 120.0  # by hand: ends a press that no mesh meets; longer refines more
 PRESS_CHANNELS = ObservedChannels(fields="last", lacking=True)
 RESULT_KEYS = (
@@ -102,15 +110,41 @@ def press_gel(
     def unknowns_of(choice: Choice) -> int:
         return unknowns(skin, choice.spacing_mm, choice.focus, choice.mirrors, choice.growth)
 
-    radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
-    edge_mm = indenter.edge_radius_mm
-    ladder = MeshConvergence(solver, unknowns_of, radius_mm, edge_mm, tolerance, progress)
+    def ladder_to(depth_mm: float, opener: Opener, tolerance: float) -> MeshConvergence:
+        radius_mm = contact_radius_mm(indenter, depth_mm) if depth_mm > 0 else math.inf
+        edge_mm = indenter.edge_radius_mm
+        return MeshConvergence(opener, unknowns_of, radius_mm, edge_mm, tolerance, progress)
+
+    def press_from_table(choice: Choice) -> RefinedPress:
+        """Refine the table's press in the middle, whose mesh serves its other places too."""
+        deepest = table_depth_mm(skin, indenter, depth_mm)
+
+        def middle(choice: Choice, coarser: PathSolver | None) -> PathSolver:
+            return open_table_press(
+                skin, material, indenter, (0.0, 0.0), deepest, PRESS_CHANNELS, choice, coarser, True
+            )
+
+        refiner = ladder_to(deepest, middle, TABLE_TOLERANCE * tolerance)
+        table = refiner.refine(replace(choice, level=FINITE_LEVEL), free=spacing_mm is None)
+        choice = replace(table.run.choice, level=TABULATED_LEVEL)
+        run = solver(choice, None)
+        run.choice = choice
+        run.solve_all()
+        # An error of force is that of cells under a contact that is smaller in a lighter press.
+        force_rel = table.estimate["force_rel"] * deepest / depth_mm
+        estimate = {**table.estimate, "force_rel": force_rel}
+        return RefinedPress(run, estimate, run.last.zones, table.limited)
+
+    ladder = ladder_to(depth_mm, solver, tolerance)
     picked: Choice | None = None
     refined: RefinedPress | None = None
     try:
         with time_limit.within(limit_s):
             picked = choose(model)
-            refined = ladder.refine(picked, free=spacing_mm is None)
+            if picked.level == TABULATED_LEVEL:
+                refined = press_from_table(picked)
+            else:
+                refined = ladder.refine(picked, free=spacing_mm is None)
             linear = model == "auto" and picked.level != FINITE_LEVEL
             if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
                 picked = choose(FINITE_LEVEL)
@@ -128,7 +162,7 @@ def press_gel(
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
-    flags = [*_flags(refined, ladder, depth_mm, limit_s)]
+    flags = [*_flags(refined, ladder, depth_mm, limit_s, model)]
     if odd := unusual_material(material.modulus_mpa):
         flags.append(Note("modulus", odd))
     forces = np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
@@ -176,7 +210,7 @@ def _require(
 
 
 def _flags(
-    refined: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float
+    refined: RefinedPress, ladder: MeshConvergence, depth_mm: float, limit_s: float, model: GelLevel
 ) -> Iterator[Note]:
     """Yield warnings about the result: the solver's flags at the corners, and its errors."""
     estimate, solver = refined.estimate, refined.run
@@ -185,6 +219,8 @@ def _flags(
         if pose.part == 1.0:  # the first increments of a line are coarse by intention
             corner_flags.update({flag.id: flag for flag in knot.flags})
     yield from corner_flags.values()
+    if solver.choice.level != model == TABULATED_LEVEL:
+        yield Note("not tabulated", solver.choice.reason)
     if depth_mm > 0 and refined.zones.contact_area_mm2 == 0:
         yield Note("contact lost", f"no contact at depth {depth_mm:g} mm")
     if refined.limited:

@@ -291,7 +291,7 @@ def gel_not_built(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]
         return
     if not presses.shears and not any(c.friction for c in choices):
         yield Note("friction", "no channel 'shear'")
-    if presses.level != "hyperelastic":
+    if presses.level == "linear":
         yield Note("finite-strain gel", f"the protocol uses level {presses.level!r}")
     elif not presses.fields:
         yield Note("the gel's surface field", "no channel needs images")
@@ -316,6 +316,8 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         text = "the linear gel ignores large strain: tenths of a mm in plane from 2 mm deep"
         yield Note("linear gel", text)
     yield from dict.fromkeys(Note("level", f"gel: {choice.reason}") for choice in choices)
+    if presses.level == "tabulated":
+        yield from _table_notes(presses, choices)
     if not presses.shears and any(c.friction for c in choices):
         yield Note("friction", "friction is solved, as it changes the force of these presses")
     # From the plan, for the presses that a resumed run kept are not solved again.
@@ -330,6 +332,32 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
         )
         yield Note("time", text)
     yield from _flag_notes(presses)
+
+
+def _table_notes(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
+    """Notes on the table's own error, and on presses that the table does not serve."""
+    tabulated = [choice for choice in choices if choice.level == presses.level]
+    if tabulated:
+        force, in_plane_mm = (
+            max(getattr(choice, name) for choice in tabulated)
+            for name in ("model_force_rel", "model_in_plane_mm")
+        )
+        text = (
+            f"beside the mesh's error, up to {force:.2g} of force and {in_plane_mm:.2g} mm rms in "
+            "plane, as presses are moved from a few solved places"
+        )
+        yield Note("tabulated gel", text)
+    outside = [
+        path.press
+        for path, choice in zip(presses.paths, choices, strict=True)
+        if choice.level != presses.level
+    ]
+    if outside:
+        text = (
+            f"{len(outside)} of {len(choices)} presses, {outside[0]} the first, are outside the "
+            "table and solved at level 'hyperelastic'"
+        )
+        yield Note("not tabulated", text, warns=True)
 
 
 def _flag_notes(presses: Presses) -> Iterator[Note]:

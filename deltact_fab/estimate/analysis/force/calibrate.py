@@ -184,7 +184,7 @@ def _run_notes(runs: Sequence[Run], tables: Sequence[pd.DataFrame]) -> list[str]
                 f"{run.folder}: weights placed by hand: force known to {normal_n:.3f} N normal, "
                 f"{shear_n:.3f} N shear; not included in the errors above"
             )
-        if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] != "hyperelastic":
+        if run.simulated and run.meta["protocol"]["specimen"]["gel_model"] == "linear":
             notes.append(
                 f"{run.folder}: simulated with a linear gel, whose forces are unrealistic; "
                 'evaluate on "hyperelastic"'

@@ -59,12 +59,12 @@ class LinearGel(GelContact):
         return self._cut(self._cut(inner, (x, y, z), cuts_left - 1), tip_mm, cuts_left - 1)
 
     def displacement_mm(self, inner: ContactState) -> Field:
-        return _sample_on_lattice(self._sampled, inner.displacement_mm)
+        return sample_on_lattice(self._sampled, inner.displacement_mm)
 
     def traction_mpa(self, inner: ContactState) -> Field:
         """Return tractions (ny, nx, 3) on the lattice; linear, so pressure acts along -z."""
-        shear = _sample_on_lattice(self._means, inner.shear_mpa)
-        pressure = _sample_on_lattice(self._means, inner.pressure_mpa[..., None])
+        shear = sample_on_lattice(self._means, inner.shear_mpa)
+        pressure = sample_on_lattice(self._means, inner.pressure_mpa[..., None])
         return np.concatenate([shear, -pressure], axis=-1)
 
     def zones(self, inner: ContactState) -> tuple[Zones, ZoneMap] | None:
@@ -85,6 +85,6 @@ class LinearGel(GelContact):
         return State(inner, inner.force_n, inner.torque_nmm, inner.diagnostics, self)
 
 
-def _sample_on_lattice(to_lattice: tuple[Field, Field], field: Field) -> Field:
+def sample_on_lattice(to_lattice: tuple[Field, Field], field: Field) -> Field:
     wx, wy = to_lattice
     return np.ascontiguousarray(np.moveaxis(wy @ np.moveaxis(field, -1, 0) @ wx.T, 0, -1))
