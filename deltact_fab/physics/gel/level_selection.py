@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from deltact_fab.common import InputError
 from deltact_fab.sensor import GEL_LEVELS, MAX_LINEAR_POISSON, GelMaterial, Indenter, SkinDimensions
@@ -52,7 +53,7 @@ MAX_DOFS = 120_000
 MIN_CELL_MM = 0.15
 # The tabulated level; measured (docs/evidence/gel.md).
 RIM_MM = 8.0  # least distance of the tip from the face's rim
-TABLE_FORCE, TABLE_IN_PLANE = 0.2, 0.2  # of the linear level's model error, that the table leaves
+TABLE_FORCE, TABLE_IN_PLANE = 0.1, 0.2  # of the linear level's model error, that a table leaves
 MAX_TABLE_SLOPE = 0.5  # by hand: depth over that at which the tip's sides turn vertical
 TABLE_DEPTHS = 1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0  # definition: ISO 3, series R10
 
@@ -102,8 +103,10 @@ def select_level(
     elif level == TABULATED_LEVEL:
         refused = table_refusal(skin, material, indenter, reach)
         if not refused:
-            asked = friction, observe_shear, spacing_mm, most_unknowns
-            return _table_choice(skin, material, indenter, depth, tolerance, *asked)
+            return _table_choice(
+                skin, material, indenter, depth, tolerance, friction=friction,
+                observe_shear=observe_shear, spacing_mm=spacing_mm, most_unknowns=most_unknowns,
+            )  # fmt: skip
         level, reason = FINITE_LEVEL, f"{TABULATED_LEVEL}: {refused}"
     if level == LINEAR_LEVEL:
         h = spacing_mm or linear_grid_mm(skin, indenter, depth)
@@ -178,17 +181,14 @@ def table_depth_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) ->
 
 def _table_choice(
     skin: SkinDimensions, material: GelMaterial, indenter: Indenter, depth_mm: float,
-    tolerance: float, friction: float | None, observe_shear: bool, spacing_mm: float | None,
-    most_unknowns: int | None,
+    tolerance: float, **options: Any,
 ) -> Choice:  # fmt: skip
     """Choose mesh and steps of a table: all its places have the cells of its corner."""
     deepest = table_depth_mm(skin, indenter, depth_mm)
     x, y = table_half_mm(skin)
-    corner = select_level(
-        skin, material, indenter, Reach((x, x), (y, y), deepest), tolerance, level=FINITE_LEVEL,
-        friction=friction, observe_shear=observe_shear, spacing_mm=spacing_mm,
-        most_unknowns=most_unknowns,
-    )  # fmt: skip
+    reach = Reach((x, x), (y, y), deepest)
+    options["level"] = FINITE_LEVEL
+    corner = select_level(skin, material, indenter, reach, tolerance, **options)
     middle, h = Reach(deepest_mm=deepest), corner.spacing_mm
     # Whole cells on both sides, all on the face: below the tip each place has the same cells.
     reach_mm = focus_mm(skin, indenter, middle, h)[1::2]

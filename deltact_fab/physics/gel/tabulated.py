@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -167,27 +168,22 @@ class TabulatedGel(GelContact):
         shares = self._shares(inner.tip_mm[2])
         if not linear.contact_area_mm2 or not shares:
             return None
-        total = sum(share for share, *_ in shares)
-        figures = {}
-        for name in ("contact_area", "stick_area"):
-            value, error = f"{name}_mm2", f"{name}_error_mm2"
-            figures[value] = getattr(linear, value)
+        mixed: dict[str, Any] = {}
+        for name, value in vars(linear).items():
+            mixed[name] = np.array(value)
             for share, _, fine, rough in shares:
-                figures[value] += share * (getattr(fine.zones, value) - getattr(rough.zones, value))
-            figures[error] = sum(s * getattr(k.zones, error) for s, _, k, _ in shares) / total
-        area = figures["contact_area_mm2"] = max(figures["contact_area_mm2"], 0.0)
-        figures["stick_area_mm2"] = min(max(figures["stick_area_mm2"], 0.0), area)
-        x, y = np.array(linear.centroid_mm) + sum(
-            share * np.subtract(fine.zones.centroid_mm, rough.zones.centroid_mm)
-            for share, _, fine, rough in shares
-        )
+                change = np.subtract(vars(fine.zones)[name], vars(rough.zones)[name])
+                mixed[name] = mixed[name] + share * change
+        x, y = mixed.pop("centroid_mm").tolist()
+        mixed = {name: max(float(value), 0.0) for name, value in mixed.items()}
+        mixed["stick_area_mm2"] = min(mixed["stick_area_mm2"], mixed["contact_area_mm2"])
         _, node, fine, _ = max(shares, key=lambda item: item[0])
         if fine.zone_map is not None:
             dx, dy = np.subtract(self._place_mm, node.place_mm)
             sides = (self.y_mm, dy), (self.x_mm, dx)
             nearest = (abs(axis[:, None] - (axis - d)).argmin(axis=0) for axis, d in sides)
             zone_map = fine.zone_map[np.ix_(*nearest)]
-        return Zones(**figures, centroid_mm=(float(x), float(y))), zone_map
+        return Zones(**mixed, centroid_mm=(x, y)), zone_map
 
 
 def force_ratio(fine: SolvedKnot, rough: SolvedKnot) -> float:

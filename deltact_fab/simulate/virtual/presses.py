@@ -336,22 +336,15 @@ def gel_notes(presses: Presses, choices: Sequence[Choice], skin: SkinDimensions)
 
 def _table_notes(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
     """Notes on the table's own error, and on presses that the table does not serve."""
-    tabulated = [choice for choice in choices if choice.level == presses.level]
-    if tabulated:
-        force, in_plane_mm = (
-            max(getattr(choice, name) for choice in tabulated)
-            for name in ("model_force_rel", "model_in_plane_mm")
-        )
-        text = (
-            f"beside the mesh's error, up to {force:.2g} of force and {in_plane_mm:.2g} mm rms in "
-            "plane, as presses are moved from a few solved places"
-        )
-        yield Note("tabulated gel", text)
-    outside = [
-        path.press
-        for path, choice in zip(presses.paths, choices, strict=True)
-        if choice.level != presses.level
-    ]
+    force = max(choice.model_force_rel for choice in choices)
+    in_plane_mm = max(choice.model_in_plane_mm for choice in choices)
+    text = (
+        f"moving presses from a few solved places adds an error of up to {force:.1%} of force, "
+        f"{in_plane_mm:.2g} mm rms in plane"
+    )
+    yield Note("tabulated gel", text)
+    pairs = zip(presses.paths, choices, strict=True)
+    outside = [path.press for path, choice in pairs if choice.level != presses.level]
     if outside:
         text = (
             f"{len(outside)} of {len(choices)} presses, {outside[0]} the first, are outside the "

@@ -109,7 +109,7 @@ def test_any_depth_reads_one_table() -> None:
     first = lighter.next(0, lighter.poses[0].tip_mm, 0.0)
     assert lighter.next(1, (3.0, 2.0, -0.5), 0.0).force_n[2] > first.force_n[2]
     for tip in ((3.2, 2.0, -0.6), (3.0, 2.0, -1.7)):
-        with pytest.raises(InputError, match="leaves its press to .* use level hyper"):
+        with pytest.raises(InputError, match=r"leaves its press to .* use level hyper"):
             lighter.next(1, tip, 0.0)
 
 

@@ -15,7 +15,14 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.physics.gel.path.knots import Increments
 from deltact_fab.physics.gel.path.solver import SOLVED_PATHS, PathSolver
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.simulate.virtual.presses import Presses, knot_poses, press_paths, rest_s
+from deltact_fab.simulate.virtual.presses import (
+    Presses,
+    gel_not_built,
+    gel_notes,
+    knot_poses,
+    press_paths,
+    rest_s,
+)
 
 COARSE = GelConfig(spacing_mm=1.0, press_increment_mm=0.25, shear_increment_mm=0.5)
 SKIN = SkinDimensions()
@@ -152,3 +159,23 @@ def test_rest_is_split_for_accurate_interpolation(dwell: float) -> None:
     for tau in times:
         between = np.interp(t, knots, np.exp(-knots / tau))
         assert np.abs(between - np.exp(-t / tau)).max() < 0.012
+
+
+def test_notes_name_presses_without_a_table() -> None:
+    places = [[0.0, 0.0], [12.0, 0.0]]
+    ids = []
+    for positions_mm in (places[:1], places):
+        protocol = declared(
+            positions_mm=positions_mm, shear=None, channels=["image", "force"],
+            specimen={"gel_model": "tabulated"},
+        )  # fmt: skip
+        presses = Presses(protocol, SKIN, GelConfig())
+        choices = [presses.choice(path) for path in presses.paths]
+        notes = {note.id: note for note in gel_notes(presses, choices, SKIN)}
+        ids.append(set(notes))
+        assert "finite-strain gel" not in {note.id for note in gel_not_built(presses, choices)}
+    assert [choice.level for choice in choices] == ["tabulated", "hyperelastic"]
+    assert ids[1] - ids[0] == {"not tabulated"}
+    assert "tabulated gel" in ids[0]
+    assert notes["not tabulated"].warns
+    assert "1 of 2 presses, sphere-12/p2 the first" in notes["not tabulated"].text
