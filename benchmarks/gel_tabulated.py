@@ -1,8 +1,8 @@
 """The tabulated level against finite strain solved at the place, on cells of the same size.
 
 `python -m benchmarks.gel_tabulated SEED COUNT` prints a row for each press drawn from a seed: seed
-61 set the shares of the linear level's model error that the table leaves (`level_selection`), seed
-62 judges them. Both solutions are of the product's own solver, so errors are relative to it.
+61 set the shares of the linear level's model error that the table leaves (`level_selection`), seeds
+62 and 63 judge them. Both solutions are of the product's own solver, so errors are relative to it.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ def draw(seed: int, i: int) -> tuple[SkinDimensions, GelMaterial, str, tuple[flo
     thick = round(float(rng.uniform(9.0, 14.0)), 1)
     skin = SkinDimensions(thickness_mm=thick, protrusion_mm=min(thick, 9.0))
     nu, friction = round(float(rng.uniform(0.45, 0.495)), 3), float(rng.choice([0.0, 0.5]))
+    # A tenth are rings: covered in plane in one of three, so the level does not take them.
     kind, low, high = (("sphere", 6.0, 22.0), ("ellipsoid", 8.0, 14.0), ("ring", 9.0, 12.0))[
         int(rng.choice(3, p=[0.7, 0.2, 0.1]))
     ]
@@ -81,8 +82,8 @@ def press_row(seed: int, i: int, unknowns: int) -> dict[str, Any]:
         "off": float(np.linalg.norm(f - t) / np.linalg.norm(t)) * np.sign(t[2] - f[2]),
         "side": float(np.linalg.norm(f[:2] - t[:2]) / np.linalg.norm(t)),
         "linear_off": float(linear.force_n[2] / t[2] - 1),
-        "in_plane_mm": rms_mm((table.displacement_mm - truth.displacement_mm)[..., :2]),
-        "linear_mm": rms_mm((linear.displacement_mm - truth.displacement_mm)[..., :2]),
+        "in_plane_mm": _apart_mm(table, truth),
+        "linear_mm": _apart_mm(linear, truth),
         "model": force,
         "model_mm": in_plane,
         "edge": EDGE_ERROR * (choice.spacing_mm / contact_radius_mm(tip, depth)) ** 2,
@@ -96,6 +97,12 @@ def press_row(seed: int, i: int, unknowns: int) -> dict[str, Any]:
         "first_s": first_s,
         "finite_s": finite_s,
     }
+
+
+def _apart_mm(one: SolvedKnot, truth: SolvedKnot) -> float:
+    assert one.displacement_mm is not None
+    assert truth.displacement_mm is not None
+    return rms_mm((one.displacement_mm - truth.displacement_mm)[..., :2].astype(float))
 
 
 TWINS = (
@@ -138,6 +145,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     asked = parser.parse_args(argv)
     rows = []
     for i in range(asked.count):
+        if asked.seed and draw(asked.seed, i)[2].startswith("ring"):
+            continue
         row = press_row(asked.seed, i, asked.unknowns) if asked.seed else twin_row(*TWINS[i])
         print(", ".join(f"{k} {v:.3g}" if k != "press" else v for k, v in row.items()), flush=True)
         rows.append(row)

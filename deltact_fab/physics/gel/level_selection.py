@@ -11,7 +11,15 @@ from dataclasses import replace
 from typing import Any
 
 from deltact_fab.common import InputError
-from deltact_fab.sensor import GEL_LEVELS, MAX_LINEAR_POISSON, GelMaterial, Indenter, SkinDimensions
+from deltact_fab.sensor import (
+    GEL_LEVELS,
+    MAX_LINEAR_POISSON,
+    EllipsoidTip,
+    GelMaterial,
+    Indenter,
+    SkinDimensions,
+    SphereTip,
+)
 
 from .finite.material import MAX_FINITE_POISSON
 from .finite.mesh import CELL_GROWTH, unknowns
@@ -154,8 +162,9 @@ def table_refusal(
     sides = zip((reach.x_mm, reach.y_mm), ends, strict=True)
     if any(max(-low, high) > end + 1e-9 for (low, high), end in sides):
         return f"the tip is nearer than {RIM_MM:g} mm to the rim"
-    if len(indenter.tips) > 1 or indenter.edge_radius_mm < SHARP_EDGE_MM:
-        return f"{indenter.name} is not a single tip without sharp edges"
+    tip, *further = indenter.tips
+    if further or not isinstance(tip, SphereTip | EllipsoidTip) or any(tip.lowest_mm):
+        return f"{indenter.name} is not a single ball or ellipsoid"
     if not 0 < depth <= MAX_TABLE_SLOPE * indenter.equator_mm:
         limit = MAX_TABLE_SLOPE * indenter.equator_mm
         return f"depth {depth:g} mm is not within 0 to {limit:g} mm for {indenter.name}"

@@ -117,12 +117,12 @@ class TabulatedGel(GelContact):
                 torque += scale * np.array(knot.torque_nmm)
                 torque -= scale * np.cross((*node.place_mm, 0.0), knot.force_n)
         (fx, fy, fz), (tx, ty, tz) = force.tolist(), (torque + np.cross(arm, force)).tolist()
-        solved = [fine for _, _, fine, _ in shares]
+        knots = [fine for _, _, fine, _ in shares]
         diagnostics = replace(
             linear.diagnostics,
-            penetration_mm=max(knot.penetration_mm for knot in solved),
-            most_stretch=max(knot.most_stretch or 1.0 for knot in solved),
-            flags=tuple({flag.id: flag for knot in solved for flag in knot.flags}.values()),
+            penetration_mm=max(knot.penetration_mm for knot in knots),
+            most_stretch=max(knot.most_stretch or 1.0 for knot in knots),
+            flags=tuple({flag.id: flag for knot in knots for flag in knot.flags}.values()),
         )
         return State(linear, (fx, fy, fz), (tx, ty, tz), diagnostics, self)
 

@@ -339,8 +339,8 @@ def _table_notes(presses: Presses, choices: Sequence[Choice]) -> Iterator[Note]:
     force = max(choice.model_force_rel for choice in choices)
     in_plane_mm = max(choice.model_in_plane_mm for choice in choices)
     text = (
-        f"moving presses from a few solved places adds an error of up to {force:.1%} of force, "
-        f"{in_plane_mm:.2g} mm rms in plane"
+        "beside the mesh's error, moving presses from a few solved places adds up to "
+        f"{force:.1%} of force, {in_plane_mm:.2g} mm rms in plane"
     )
     yield Note("tabulated gel", text)
     pairs = zip(presses.paths, choices, strict=True)
