@@ -39,7 +39,8 @@ def graded(
 ) -> Field:
     """Lines from 0 to length: cells of `size` up to `fine`, growing beyond to `most` times that."""
     steps = [fine / round(fine / size)] * round(fine / size)
-    rest, step = [], size
+    step = size
+    rest: list[float] = []
     while sum(rest) < length - fine:
         step = min(step * growth, most * size)
         rest.append(step)
@@ -140,7 +141,9 @@ class Cylinder:
         held[self.nodes[:, 0] == 0, 0] = True
         self.free = np.flatnonzero(~held.ravel())
         self._shapes()
-        self.at_rest = self.bulk(np.zeros_like(self.nodes))[2]
+        at_rest = self.bulk(np.zeros_like(self.nodes))[2]
+        assert at_rest is not None
+        self.at_rest = at_rest
         value, slope = _lagrange(_P2)
         x = self.nodes[self.edges, 0]
         self.edge_value = value
@@ -289,8 +292,8 @@ class Cylinder:
             overlap = max(0.0, -float(g.min()))
             r = self.nodes[self.top, 0]
             at = self.away(u, goal)[..., 0].ravel()
-            last = int(np.flatnonzero(multiplier.ravel() > 0)[-1])
-            rim = float(at[last]), float(at[last + 1])
+            outermost = int(np.flatnonzero(multiplier.ravel() > 0)[-1])
+            rim = float(at[outermost]), float(at[outermost + 1])
             out.append(Pressed(goal, force, r, face[:, 0], face[:, 1], overlap, count, rim))
         return out
 
@@ -333,7 +336,8 @@ class Cylinder:
             total = np.bincount(self.dofs.ravel(), force.ravel(), size)
             pushed = np.bincount(edge_dofs.ravel(), push.ravel(), size)
             residual = (total + pushed)[self.free]
-            if np.linalg.norm(residual) <= max(1e-9 * np.linalg.norm(pushed), self.noise_n):
+            balanced_n = max(1e-9 * float(np.linalg.norm(pushed)), self.noise_n)
+            if float(np.linalg.norm(residual)) <= balanced_n:
                 return u, count
             # Buckled cells make the tangent indefinite; the tangent at rest, added, cures it.
             for shift in (0.0, 0.03, 0.3, 3.0):

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.physics.gel.error_control import EDGE_ERROR
+from deltact_fab.physics.gel.error_control import SMOOTH_CONTACT
 from deltact_fab.physics.gel.level import Choice, contact_radius_mm
 from deltact_fab.physics.gel.level_selection import MAX_TABLE_SLOPE, table_half_mm
 from deltact_fab.physics.gel.linear.validity import DEPTH_LIMIT, model_error
@@ -86,7 +86,8 @@ def press_row(seed: int, i: int, unknowns: int) -> dict[str, Any]:
         "linear_mm": _apart_mm(linear, truth),
         "model": force,
         "model_mm": in_plane,
-        "edge": EDGE_ERROR * (choice.spacing_mm / contact_radius_mm(tip, depth)) ** 2,
+        "edge": SMOOTH_CONTACT.scatter
+        * (choice.spacing_mm / contact_radius_mm(tip, depth)) ** SMOOTH_CONTACT.power,
         "stated": choice.model_force_rel,
         "stated_mm": choice.model_in_plane_mm,
         "area_off": table.zones.contact_area_mm2 / truth.zones.contact_area_mm2 - 1,

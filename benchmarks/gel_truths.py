@@ -27,7 +27,7 @@ from deltact_fab.studies.numerics.engines.gel import RADII_STEP_MM, TRUTH_MPA, T
 from deltact_fab.version import library_versions
 
 from . import gel_drags
-from .gel_axisymmetric import Ball, Cylinder, Flat, Pressed, graded, rim_lines
+from .gel_axisymmetric import Ball, Cylinder, Flat, Pressed, Tool, graded, rim_lines
 
 EDGE_MM = 0.3  # of the product's flat punches
 STICK = 2.0  # friction coefficient at which nothing slips
@@ -66,7 +66,8 @@ class AxialPress:
         if self.kind == "ball":
             cell = coarsening * self.contact_mm / 9
             r = graded(face, cell, 1.5 * self.contact_mm, growth=1.35, most=24.0)
-            tool, fine_mm, step_mm = Ball(self.radius_mm), self.contact_mm / 2, 0.3 * cell
+            tool: Tool = Ball(self.radius_mm)
+            fine_mm, step_mm = self.contact_mm / 2, 0.3 * cell
         else:
             cell = coarsening * 0.08
             r = rim_lines(cell, self.radius_mm, face)

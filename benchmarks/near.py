@@ -84,7 +84,7 @@ def rows(thickness_mm: float, seed: int) -> pd.DataFrame:
                 state = contact.solve(state, (x + dx, y + dy, depth)) if drag else state
             except DeltactFabError:
                 continue
-            truth = {"displacement_mm": [state.displacement_mm], **face}
+            truth: dict[str, Any] = {"displacement_mm": [state.displacement_mm], **face}
             patches = ndimage.label(state.pressure_mpa > 0)[1]
             for noise in NOISES_PX:
                 (flow,) = flows_of(truth, CAMERA, noise, rng)

@@ -115,61 +115,53 @@ def press_gel(
         edge_mm = indenter.edge_radius_mm
         return MeshConvergence(opener, unknowns_of, radius_mm, edge_mm, tolerance, progress)
 
-    def press_from_table(choice: Choice) -> RefinedPress:
-        """Refine the table's press in the middle, whose mesh serves its other places too."""
-        deepest = table_depth_mm(skin, indenter, depth_mm)
-
-        def middle(choice: Choice, coarser: PathSolver | None) -> PathSolver:
-            return open_table_press(
-                skin, material, indenter, (0.0, 0.0), deepest, PRESS_CHANNELS, choice, coarser, True
-            )
-
-        refiner = ladder_to(deepest, middle, TABLE_TOLERANCE * tolerance)
-        table = refiner.refine(replace(choice, level=FINITE_LEVEL), free=spacing_mm is None)
-        choice = replace(table.run.choice, level=TABULATED_LEVEL)
-        run = solver(choice, None)
-        run.choice = choice
-        run.solve_all()
-        # An error of force is that of cells under a contact that is smaller in a lighter press.
-        force_rel = table.estimate["force_rel"] * deepest / depth_mm
-        estimate = {**table.estimate, "force_rel": force_rel}
-        return RefinedPress(run, estimate, run.last.zones, table.limited)
-
     ladder = ladder_to(depth_mm, solver, tolerance)
+
+    def middle(choice: Choice, coarser: PathSolver | None) -> PathSolver:
+        deepest, place = table_depth_mm(skin, indenter, depth_mm), (0.0, 0.0)
+        scene = skin, material, indenter, place, deepest, PRESS_CHANNELS
+        return open_table_press(*scene, choice, coarser, True)
+
+    def refine(choice: Choice) -> RefinedPress:
+        if choice.level != TABULATED_LEVEL:
+            return ladder.refine(choice, free=spacing_mm is None)
+        deepest = table_depth_mm(skin, indenter, depth_mm)
+        table = ladder_to(deepest, middle, TABLE_TOLERANCE * tolerance).refine(
+            replace(choice, level=FINITE_LEVEL), free=spacing_mm is None
+        )
+        run = solver(replace(table.run.choice, level=TABULATED_LEVEL), None)
+        return _press_from_table(run, table, deepest / depth_mm)
+
     picked: Choice | None = None
     refined: RefinedPress | None = None
+
+    def refuse(reason: str) -> PressOutcome:
+        level = picked.level if picked else model
+        return refused_press(depth_mm, level, reason, time.perf_counter() - started)
+
     try:
         with time_limit.within(limit_s):
             picked = choose(model)
-            if picked.level == TABULATED_LEVEL:
-                refined = press_from_table(picked)
-            else:
-                refined = ladder.refine(picked, free=spacing_mm is None)
+            refined = refine(picked)
             linear = model == "auto" and picked.level != FINITE_LEVEL
             if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
                 picked = choose(FINITE_LEVEL)
-                refined = ladder.refine(picked, free=spacing_mm is None)
+                refined = refine(picked)
     except TimeLimit:
         if refined is None:
-            reason = f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; increase it"
-            level = picked.level if picked else model
-            return refused_press(depth_mm, level, reason, time.perf_counter() - started)
+            return refuse(
+                f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; increase it"
+            )
         refined = replace(refined, limited=True)
     except DeltactFabError as error:
-        level = picked.level if picked else model
-        return refused_press(depth_mm, level, str(error), time.perf_counter() - started)
+        return refuse(str(error))
     fine, choice, last = refined.run, refined.run.choice, refined.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
     tips = [(x, y, 0.0), *((px, py, -pz) for px, py, pz in (p.tip_mm for p in fine.poses))]
     flags = [*_flags(refined, ladder, depth_mm, limit_s, model)]
-    if odd := unusual_material(material.modulus_mpa):
-        flags.append(Note("modulus", odd))
-    forces = np.array([(0.0, 0.0, 0.0), *(k.force_n for k in fine.knots)])
-    if any(last.force_n):  # the finer cells' correction of the end, in proportion along the path
-        forces *= np.linalg.norm(refined.force_n) / np.linalg.norm(last.force_n)
-        forces[-1] = refined.force_n
-    forces *= material.modulus_mpa
+    flags += (Note("modulus", text) for text in [unusual_material(material.modulus_mpa)] if text)
+    forces = material.modulus_mpa * _path_forces_n(refined)
     result = {
         "force_n": forces[-1].tolist(),
         "depth_mm": depth_mm,
@@ -191,6 +183,29 @@ def press_gel(
         "flags": [flag.labelled for flag in flags],
     }
     return PressOutcome(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
+
+
+def _press_from_table(run: PathSolver, table: RefinedPress, depth_ratio: float) -> RefinedPress:
+    """Solve a press by a table whose press in the middle is refined.
+
+    depth_ratio: of the table over the press.
+    """
+    run.choice = replace(table.run.choice, level=TABULATED_LEVEL)
+    run.solve_all()
+    # An error of force is that of cells under a contact that is smaller in a lighter press.
+    estimate = {**table.estimate, "force_rel": table.estimate["force_rel"] * depth_ratio}
+    correction = np.linalg.norm(table.force_n) / np.linalg.norm(table.run.last.force_n)
+    force_n = correction * np.array(run.last.force_n)
+    return RefinedPress(run, force_n, estimate, run.last.zones, table.limited)
+
+
+def _path_forces_n(refined: RefinedPress) -> Field:
+    """Forces (n, 3) from rest on; the end's correction is in proportion along the path."""
+    forces = np.array([(0.0, 0.0, 0.0), *(k.force_n for k in refined.run.knots)])
+    if forces[-1].any():
+        forces *= np.linalg.norm(refined.force_n) / np.linalg.norm(forces[-1])
+        forces[-1] = refined.force_n
+    return forces
 
 
 def _require(

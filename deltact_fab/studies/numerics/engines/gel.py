@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import Point, RunFailed, read_json
+from deltact_fab.common import Point, RunFailed, read_json, validate
 from deltact_fab.paths import asset
 from deltact_fab.physics import FORCE_TOLERANCE, LinearContact, PressOutcome, follow_path, press_gel
 from deltact_fab.sensor import FreeBlock, GelMaterial, SkinDimensions, parse_indenter
@@ -119,9 +119,8 @@ TRUTH_MPA = 0.56  # definition: modulus of the stored truths
 
 def load_truths() -> list[TruePress]:
     """Stored answers of solvers that share no line with the gel; see the file for their scripts."""
-    rows = read_json(asset("gel_truths.json"))["presses"]
-    lists = ("side_mm", "force_n", "radial_mm")
-    return [TruePress(**{k: tuple(v) if k in lists else v for k, v in r.items()}) for r in rows]
+    path = asset("gel_truths.json")
+    return [validate(TruePress, row, str(path)) for row in read_json(path)["presses"]]
 
 
 def curves(quick: bool) -> Sequence[CurveSetting]:
