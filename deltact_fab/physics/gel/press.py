@@ -38,7 +38,7 @@ from .path.knots import Increments, KnotPose, ObservedChannels
 from .path.open import choose_level, open_path, open_table_press
 from .path.solver import PathSolver
 
-TABLE_TOLERANCE = 0.8  # of a press's tolerance; by hand: the rest is for moves and lighter presses
+TABLE_TOLERANCE = 0.9  # of a press's tolerance; by hand: the rest is for lighter presses
 CPU_LIMIT_S = 120.0  # by hand: ends a press that no mesh meets; longer refines more
 PRESS_CHANNELS = ObservedChannels(fields="last", lacking=True)
 RESULT_KEYS = (
