@@ -239,5 +239,5 @@ def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
 
 
 ENGINE = Engine(
-    "Gel, two levels", "`gel press` against presses of independent solvers.", cases, curves
+    "Gel", "The command gel press against presses of independent solvers.", cases, curves
 )
