@@ -66,7 +66,7 @@ def test_ball_area_against_axisymmetric_twin(name: str, depth_mm: float) -> None
     truth_mm2 = np.pi * np.mean(RIM_MM[name, depth_mm]) ** 2
     assert zones.contact_area_mm2 == pytest.approx(truth_mm2, rel=0.03)
     assert abs(zones.contact_area_mm2 - truth_mm2) < zones.contact_area_error_mm2
-    assert zones.contact_area_error_mm2 < 0.08 * truth_mm2
+    assert zones.contact_area_error_mm2 < 0.1 * truth_mm2
     assert zones.centroid_mm == pytest.approx((0, 0), abs=2e-3)  # a sample on the rim
     assert zones.stick_area_mm2 == zones.stick_area_error_mm2 == 0
     cell_mm2 = (contact.x_mm[1] - contact.x_mm[0]) * (contact.y_mm[1] - contact.y_mm[0])

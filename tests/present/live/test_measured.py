@@ -16,7 +16,7 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.present.live.formatting import RESULT_COLUMNS, contact_number, table_row
+from deltact_fab.present.live.formatting import RESULT_COLUMNS, contact_number, status_text, table_row
 from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.present.live.picture import LOST_BYTE, page_data
@@ -66,7 +66,7 @@ def test_outputs_contain_force_contacts_health(
     row = dict(zip(names, table_row(results[PRESSED], "", ""), strict=True))
     assert (row["contact_count"], row["contact_resolution_mm"]) == ("one", contact["resolution_mm"])
     assert rows[0]["contacts"] == []
-    assert "contacts: 1 " in people.getvalue()
+    assert "contacts: 1 " in status_text(results[PRESSED])
     assert "N mm" in people.getvalue()
     assert said == ["state of health: fit to use"]
 
