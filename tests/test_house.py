@@ -195,7 +195,7 @@ def test_one_file_locates_the_package(sources: Sources) -> None:
 CEILINGS = {
     ("deltact_fab", "lines"): 74220,
     ("deltact_fab", "files"): 414,
-    ("tests", "lines"): 42380,
+    ("tests", "lines"): 42385,
 }
 
 

@@ -16,7 +16,12 @@ from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.analysis.force.result import write_force_calibration
 from deltact_fab.estimate.analysis.measured import RunMeasurement, find_calibrations, measure_run
 from deltact_fab.estimate.measure.force.calibration import load_force
-from deltact_fab.present.live.formatting import RESULT_COLUMNS, contact_number, status_text, table_row
+from deltact_fab.present.live.formatting import (
+    RESULT_COLUMNS,
+    contact_number,
+    status_text,
+    table_row,
+)
 from deltact_fab.present.live.open import open_measurement, open_source
 from deltact_fab.present.live.outputs import HealthOutput, JsonLines, StatusLine
 from deltact_fab.present.live.picture import LOST_BYTE, page_data
