@@ -25,6 +25,7 @@ import numpy as np
 from deltact_fab.common import Field, Progress, SolverError, TimeLimit
 
 from . import time_limit
+from .finite.distance import SHARP_CELLS
 from .level import FINITE_LEVEL, Choice
 from .level_selection import FORCE_TOLERANCE, HIDDEN_RADII, IN_PLANE_MM, MAX_DOFS, STEP_SHARE
 from .path.solver import PathSolver
@@ -52,7 +53,6 @@ class ContactKind:
 
 SMOOTH_CONTACT = ContactKind(scatter=0.055, power=1.3, peak=1.5, extrapolated=True)
 SHARP_CONTACT = ContactKind(scatter=0.28, power=1.0, peak=2.0, extrapolated=False)
-SHARP_RADIUS_CELLS = 2.0  # by hand: below, an edge has more contact points (`finite.press`)
 CORRECTION_SHARE = 0.5  # by hand: least error, of the correction to finer cells
 # Factors of the estimate, set on measured presses (docs/evidence/gel.md).
 MESH_RATIO, STEP_RATIO = 1.5, 2.0  # by hand: smaller ones resolve less, larger ones waste a mesh
@@ -214,7 +214,7 @@ class MeshConvergence:
         return [r for r in self._runs if r.choice.spacing_mm >= limit_mm]
 
     def _kind(self) -> ContactKind:
-        sharp = self._edge_mm < SHARP_RADIUS_CELLS * self._runs[-1].choice.spacing_mm
+        sharp = self._edge_mm < SHARP_CELLS * self._runs[-1].choice.spacing_mm
         return SHARP_CONTACT if sharp else SMOOTH_CONTACT
 
     def _extrapolate(self) -> tuple[Field, float]:

@@ -260,9 +260,8 @@ def _ellipse(a: float, b: float, x: Field, y: Field) -> tuple[Field, Field, Fiel
 BLUNT_CELLS = 0.5  # least radius over cell size; by hand: less, and contact points jump over edges
 
 
-RIM_CELLS = (
-    0.22  # cells by which the rim of a flat acts further out; measured, docs/evidence/gel.md
-)
+RIM_CELLS = 0.22  # cells by which a flat's rim acts further out; measured, docs/evidence/gel.md
+SHARP_CELLS = 2.0  # radius of an edge in cells, below which it is sharp; measured, as above
 
 
 def blunted(indenter: Indenter, cell_mm: float) -> Indenter:

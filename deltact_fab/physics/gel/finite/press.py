@@ -13,7 +13,7 @@ from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
 from ..level import IncrementDiagnostics
 from . import newton
 from .assembly import BulkAssembly, MatrixPattern
-from .distance import blunted
+from .distance import SHARP_CELLS, blunted
 from .linear import SolverName, make_solver
 from .material import Memory, NeoHooke, Viscosity
 from .mesh import FocusBox, HexMesh, block_mesh
@@ -62,7 +62,7 @@ NEWTON_TOLERANCE = 1e-8  # of `IncrementDiagnostics.residual`
 MAX_FINITE_CUTS = 6  # halvings of one increment
 MAX_MOVE_CELLS = 1.0  # cells that a node may move in one iteration, plus twice the tip's move
 FORCE_FLOOR = 1e-2  # x E x thickness x cell size: least force that a residual is compared with
-SHARP_CELLS, SHARP_POINTS = 2.0, 5  # of a sharp tip; measured, docs/evidence/gel.md
+SHARP_POINTS = 5  # along a face's side under a sharp tip; measured, docs/evidence/gel.md
 
 
 class FinitePress:
