@@ -52,7 +52,7 @@ class ContactKind:
 
 
 SMOOTH_CONTACT = ContactKind(scatter=0.055, power=1.3, peak=1.5, extrapolated=True)
-SHARP_CONTACT = ContactKind(scatter=0.28, power=1.0, peak=2.0, extrapolated=False)
+SHARP_CONTACT = ContactKind(scatter=0.22, power=1.0, peak=2.0, extrapolated=False)
 CORRECTION_SHARE = 0.5  # by hand: least error, of the correction to finer cells
 # Factors of the estimate, set on measured presses (docs/evidence/gel.md).
 MESH_RATIO, STEP_RATIO = 1.5, 2.0  # by hand: smaller ones resolve less, larger ones waste a mesh
@@ -225,11 +225,16 @@ class MeshConvergence:
             return kind.scatter * (run.choice.spacing_mm / self._radius_mm) ** kind.power
 
         best = np.zeros(3), LONE_FACTOR * scatter(fine)
-        for coarse in self._coarser_runs():
+        nearest: Field | None = None
+        for coarse in reversed(self._coarser_runs()):
             weight = _second_order(fine, coarse)
-            error_rel = math.hypot((1 + weight) * scatter(fine), weight * scatter(coarse))
+            change_n = weight * (_hard_force_n(fine) - _hard_force_n(coarse))
+            nearest = change_n if nearest is None else nearest
+            # Cells too coarse for second order disagree with the next finer ones.
+            apart = _relative_size(change_n - nearest, fine)
+            error_rel = math.hypot((1 + weight) * scatter(fine), weight * scatter(coarse), apart)
             if error_rel < best[1]:
-                best = weight * (_hard_force_n(fine) - _hard_force_n(coarse)), error_rel
+                best = change_n, error_rel
         return best if kind.extrapolated or not self._coarser_runs() else (best[0], scatter(fine))
 
     def _force_n(self) -> Field:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltact_fab.common import Field, Point2
+from deltact_fab.common import Field, Point2, SolverError
 
 
 def means(edges_mm: Field, at_mm: Field) -> Field:
@@ -108,6 +108,7 @@ def measure_zones(
     axes_mm: x and y of the nodes at rest, evenly spaced. place_mm (ny, nx, 2): deformed positions.
     inside (ny, nx): fraction of each node in contact. sticks (ny, nx): True where it sticks.
     edge_error_mm: error of the rim at a sharp edge, besides the cells'. lattice_mm: of the map.
+    Raises SolverError where no part of the contact faces the indenter.
     """
     steps = [axis[1] - axis[0] for axis in reversed(axes_mm)]
     (xy, xx), (yy, yx) = (np.gradient(place_mm[..., k], *steps) for k in (0, 1))
@@ -117,6 +118,11 @@ def measure_zones(
     for zone, cells in ((inside, RIM_ERROR), (inside * sticks, STICK_RIM_ERROR)):
         rim, error_mm = np.hypot(*np.gradient(zone, *steps)), edge_error_mm + cells * cell_mm
         figures += [float((areas * zone).sum()), error_mm * float((areas * rim).sum())]
+    if figures[0] <= 0:
+        raise SolverError(
+            f"contact: the face is folded wherever it is touched; cells of {cell_mm:.3g} mm are too "
+            "coarse for this depth"
+        )
     # Where cells are as large as the contact (error over a tenth of the area) it grows squared.
     figures[1] *= max(1.0, 10 * figures[1] / figures[0])
     x, y = np.tensordot(areas * inside, place_mm, 2) / figures[0]
