@@ -145,8 +145,10 @@ def press_gel(
             refined = refine(picked)
             linear = model == "auto" and picked.level != FINITE_LEVEL
             if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
-                picked = choose(FINITE_LEVEL)
+                linear_press, picked = refined, choose(FINITE_LEVEL)
                 refined = refine(picked)
+                if ladder.excess(refined.estimate) > max(1.0, ladder.excess(linear_press.estimate)):
+                    refined = replace(linear_press, limited=refined.limited)
     except TimeLimit:
         if refined is None:
             return refuse(
