@@ -24,22 +24,17 @@ from typing import Any
 from deltact_fab.common import digest
 from deltact_fab.common.jobs.local import THREAD_VARIABLES
 from deltact_fab.estimate.measure.flow.renewed import FlowMethod
-from deltact_fab.studies.numerics.engine import Case
-from deltact_fab.studies.numerics.engines import gel
 from deltact_fab.studies.numerics.harness import describe_machine
 from deltact_fab.version import library_versions
 
-from . import flow_peers, gel_long, store
+from . import flow_peers, store
 from .gel_press import felupe_row
 from .held import every_held, held_row
-from .measure import case_row
-from .presses import press_row
 from .tables import write_up
 
 HERE = Path(__file__).resolve().parent
 ROWS, TABLES = "evidence.jsonl", "EVIDENCE.md"
 LIMIT_S = 1200.0
-RANDOM_PRESSES = 8
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "pypardiso", "mkl")
 
 
@@ -65,30 +60,18 @@ class EvidenceRow:
 
 def rows() -> Iterator[EvidenceRow]:
     """All rows, the cheap tables first."""
-    yield from _of_cases("stability", [*gel.cases(False), *gel_long.cases()])
     for depth in (2.0, 5.0):
         for cell in (3.0, 2.0):
             name = f"felupe: {depth:g} mm, cells of {cell:g} mm"
             yield EvidenceRow(name, partial(felupe_row, depth, cell))
-    for i in range(RANDOM_PRESSES):
-        yield EvidenceRow(f"press: {i + 1}", partial(press_row, i))
     for held in every_held():
         yield EvidenceRow(f"held: {held.name}", partial(held_row, held))
     for method in (*FlowMethod.NAMES, *flow_peers.PEERS):
         yield EvidenceRow(f"peer: {method}", partial(flow_peers.peer_row, method))
-    yield from _of_cases("drag", gel_long.drag_cases())
-
-
-def _of_cases(table: str, cases: list[Case]) -> Iterator[EvidenceRow]:
-    for case in cases:
-        yield EvidenceRow(f"{table}: {case.name}", partial(case_row, case))
 
 
 def _spelled(call: Any) -> tuple[str, set[str]]:
     """A call and its arguments in words, and the modules of the functions in it."""
-    if isinstance(call, Case):
-        check, its_modules = _spelled(call.check)
-        return f"{call.expectation}, {call.bound}, {call.says!r}: {check}", its_modules
     if not isinstance(call, partial):
         return (call.__qualname__, {call.__module__}) if callable(call) else (repr(call), set())
     told, modules = zip(*map(_spelled, (call.func, *call.args)), strict=True)

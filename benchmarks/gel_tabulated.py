@@ -25,9 +25,9 @@ from deltact_fab.physics.gel.press import press_gel
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.studies.numerics.engines.gel_press import rms_mm
 
 from .gel_twin import BallPress, Block, Gel, Pose, graded
+from .held import rms_mm
 
 LIGHTEST_MM = 0.4
 CHANNELS = ObservedChannels(fields="last", lattice_mm=0.5)

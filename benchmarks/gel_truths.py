@@ -4,7 +4,7 @@
 or at full stick, and writes their forces and radial displacements (simulated, by a solver that
 shares no line with the product's). The block is so wide that its shape does not matter: the truth's
 is a cylinder of equal area. Without `--solve`, `gel press` is compared with a file; `--asset`
-writes those of the numerics page.
+writes those of the numerics page's curves, `--map` solves those of its map (half an hour).
 """
 
 from __future__ import annotations
@@ -23,13 +23,23 @@ import numpy as np
 
 from deltact_fab.common import RunFailed
 from deltact_fab.paths import asset
-from deltact_fab.studies.numerics.engines.gel import RADII_STEP_MM, TRUTH_MPA, TruePress
+from deltact_fab.studies.numerics.engines.gel import (
+    EXTREME_VALUES,
+    RADII_STEP_MM,
+    TRUTH_MPA,
+    ExtremePress,
+    TruePress,
+    load_truths,
+    wide_cells,
+    wide_side_mm,
+)
 from deltact_fab.version import library_versions
 
-from . import gel_drags
+from . import gel_drags, gel_places
 from .gel_axisymmetric import Ball, Cylinder, Flat, Pressed, Tool, graded, rim_lines
 
 EDGE_MM = 0.3  # of the product's flat punches
+FINE = 0.6  # of the usual cells: at 1 thin gels were 1 % too stiff, at full stick
 STICK = 2.0  # friction coefficient at which nothing slips
 DRAG_ERROR = 0.02  # of the drags' forces, by finer cells: docs/evidence/gel.md
 LIBRARIES = ("numpy", "scipy")
@@ -58,7 +68,7 @@ class AxialPress:
 
     @property
     def side_mm(self) -> float:
-        return round(2 * (2.5 * self.thickness_mm + self.contact_mm), 1)
+        return wide_side_mm(self.thickness_mm, self.contact_mm)
 
     def solve(self, coarsening: float = 1.0) -> Pressed:
         """Solve on cells that are so many times as large as usual."""
@@ -96,17 +106,17 @@ def draw(seed: int, count: int) -> list[AxialPress]:
 
 
 def truth_row(press: AxialPress) -> dict[str, Any]:
-    """Truth of a press; error_rel: change of its force from cells 1.5 times as large."""
+    """Truth of a press; error_rel: twice the change of its force from cells 1.5 times as large."""
     row: dict[str, Any] = asdict(press) | {"side_mm": press.side_mm, "indenter": press.indenter}
     try:
-        fine, coarse = press.solve(), press.solve(1.5)
+        fine, coarse = press.solve(FINE), press.solve(1.5 * FINE)
     except RuntimeError as error:
         return row | {"force_n": None, "reason": str(error)}
     radii_mm = np.arange(0.0, press.side_mm / 2, RADII_STEP_MM)
     change_mm = fine.radial_mm(radii_mm) - coarse.radial_mm(radii_mm)
     return row | {
         "force_n": round(fine.force_n, 6),
-        "error_rel": round(abs(coarse.force_n / fine.force_n - 1), 6),
+        "error_rel": round(2 * abs(coarse.force_n / fine.force_n - 1), 6),
         "rim_mm": [round(r, 4) for r in fine.rim_mm],
         "in_plane_error_mm": round(float(np.sqrt((change_mm**2).mean())), 6),
         "peak_mm": round(float(np.abs(fine.u_r_mm).max()), 5),
@@ -143,6 +153,45 @@ def write_asset(path: Path, names: Sequence[str]) -> None:
     content = {"simulated": True, "scripts": scripts, "versions": library_versions(LIBRARIES)}
     content["presses"] = [asdict(truth) for truth in truths]
     asset("gel_truths.json").write_text(json.dumps(content) + "\n")
+
+
+def extreme_row(cell: ExtremePress) -> tuple[str, tuple[float, float] | None]:
+    """Force and its relative error of a cell of the map; None where this solver ends too."""
+    p = cell.press
+    kind, _, size = p.indenter.partition(":")
+    press = AxialPress("ball" if kind == "sphere" else "flat", float(size) / 2, p.poisson,
+                       p.thickness_mm, p.depth_mm, p.friction)  # fmt: skip
+    try:
+        fine, coarse = press.solve(FINE).force_n, press.solve(1.5 * FINE).force_n
+    except (RuntimeError, ArithmeticError, ValueError, IndexError) as error:
+        print(f"{cell.name}: {error}", flush=True)
+        return cell.name, None
+    return cell.name, (round(fine, 7), round(2 * abs(coarse / fine - 1), 6))
+
+
+def write_extremes(jobs: int) -> None:
+    """Add the truths of the map to those of the curves."""
+    with ProcessPoolExecutor(jobs) as pool:
+        wide = {name: row for name, row in pool.map(extreme_row, wide_cells()) if row}
+    base, drags = load_truths()[-1], {}
+    for drag, twin in gel_drags.stored().items():
+        if (f"sphere:{drag.ball_mm:g}", drag.thickness_mm, drag.depth_mm) != (
+            base.indenter, base.thickness_mm, base.depth_mm
+        ):  # fmt: skip
+            continue
+        lengths = EXTREME_VALUES["drag_mm"]
+        for length in lengths if drag.friction in EXTREME_VALUES["friction"] else ():
+            at = np.flatnonzero(np.isclose(twin["tip"][:, 0], length))
+            if len(at):
+                force = [round(float(f), 6) for f in twin["force"][at[0]]]
+                drags[f"{drag.friction:g}, {length:g}"] = force
+    path = asset("gel_truths.json")
+    placed = json.loads(gel_places.FILE.read_text())["presses"][0]
+    placed["indenter"] = f"sphere:{placed.pop('ball_mm'):g}"
+    content = json.loads(path.read_text()) | {
+        "extremes": {"wide": wide, "drags": drags}, "placed": placed
+    }  # fmt: skip
+    path.write_text(json.dumps(content) + "\n")
 
 
 def judged_row(row: dict[str, Any]) -> dict[str, Any]:
@@ -194,16 +243,21 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", type=Path)
+    parser.add_argument("file", type=Path, nargs="?")
     parser.add_argument("--solve", type=int, nargs=2, metavar=("SEED", "COUNT"))
     parser.add_argument("--asset", nargs="+", metavar="INDENTER")
+    parser.add_argument("--map", action="store_true")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(argv)
+    if options.map:
+        write_extremes(options.jobs)
+        return
     if options.asset:
         write_asset(options.file, options.asset)
         return
     if options.solve is None:
-        print(table([judged_row(r) for r in json.loads(options.file.read_text())["presses"]]))
+        rows = json.loads(options.file.read_text())["presses"]
+        print(table([judged_row(row) for row in rows if row["force_n"]]))
         return
     seed, count = options.solve
     rows = []

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
-import statistics
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +11,6 @@ from deltact_fab.common.files import write_whole
 COMMAND = "make evidence"
 AGAIN = "python -m benchmarks.evidence --stale"
 STALE = "†"
-COVERED, MEDIAN = 0.9, 5.0  # goals for the estimates
-NEAREST = 10  # right cases of a table: those nearest to their bounds
 
 
 def write_up(
@@ -42,10 +36,7 @@ def write_up(
            f"`{AGAIN}` runs them again." if stale else "."), "",
     ]  # fmt: skip
     writers: dict[str, Callable[[Sequence[dict[str, Any]]], list[str]]] = {
-        "stability": partial(_stability, "Stiff and extreme cases"), "felupe": _felupe,
-        "press": _presses, "held": _held,
-        "peer": _peers,
-        "drag": partial(_stability, "Sharp indenters to 10 mm, sheared +-10 mm"),
+        "felupe": _felupe, "held": _held, "peer": _peers,
     }  # fmt: skip
     for name, write in writers.items():
         if name in tables:
@@ -97,27 +88,6 @@ def _table(head: Sequence[str], body: Sequence[Sequence[Any]]) -> list[str]:
     ]
 
 
-def _stability(title: str, entries: Sequence[dict[str, Any]]) -> list[str]:
-    counts = Counter(e["result"].get("outcome", "wrong") for e in entries)
-    right = [e for e in entries if e["result"].get("outcome") == "right"]
-    near = sorted(right, key=lambda e: abs(e["result"]["figure"]) / e["result"]["bound"])[-NEAREST:]
-    body: list[Sequence[Any]] = []
-    for e in entries:
-        r = e["result"]
-        if e in right and e not in near:
-            continue
-        body.append((
-            _marked(e, r.get("case", e["key"]["row"].partition(": ")[2])), r.get("expectation"),
-            r.get("bound"), r.get("figure"), r.get("unit"), r.get("outcome", "wrong"),
-            r.get("note") or r.get("failed"), r.get("seconds"),
-        ))  # fmt: skip
-    told = ", ".join(f"{n} {k}" for k, n in sorted(counts.items()))
-    if left := len(entries) - len(body):
-        told += f"; {left} right ones, further from their bounds than these, are in the file alone"
-    head = ("case", "expected", "bound", "figure", "unit", "outcome", "note", "s")
-    return [f"## {title}", "", f"{told}.", "", *_table(head, body)]
-
-
 def _felupe(entries: Sequence[dict[str, Any]]) -> list[str]:
     head = ("press", "cells, mm", "unknowns", "force, N", "felupe, N", "wall, s", "felupe, s",
             "times as fast")  # fmt: skip
@@ -131,44 +101,6 @@ def _felupe(entries: Sequence[dict[str, Any]]) -> list[str]:
     ]  # fmt: skip
     text = "One run each on one thread, with the same mesh, law and contact; set-up counts."
     return ["## Beside felupe", "", text, "", *_table(head, body)]
-
-
-def coverage(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Of (estimate, true): share with estimate >= true, and the median of estimate / true."""
-    if not pairs:
-        return math.nan, math.nan
-    share = sum(estimate >= true for estimate, true in pairs) / len(pairs)
-    return share, statistics.median(e / t if t > 0 else math.inf for e, t in pairs)
-
-
-def _presses(entries: Sequence[dict[str, Any]]) -> list[str]:
-    body: list[Sequence[Any]] = []
-    good: list[dict[str, Any]] = []
-    for e in entries:
-        r = e["result"]
-        if "force" not in r:
-            reason = r.get("refused") or r.get("failed")
-            body.append((_marked(e, r.get("indenter")), r.get("at_mm"), r.get("depth_mm"), reason))
-            continue
-        good.append(r)
-        body.append((_marked(e, r["indenter"]), r["at_mm"], r["depth_mm"], r["model"],
-                     r["spacing_mm"],
-                     100 * r["force"]["estimate"], 100 * r["force"]["true"],
-                     r["in_plane_mm"]["estimate"], r["in_plane_mm"]["true"],
-                     r["within_tolerance"], r["seconds"]))  # fmt: skip
-    told = []
-    for what, name in (("force", "force"), ("in_plane_mm", "in plane")):
-        share, median = coverage([(r[what]["estimate"], r[what]["true"]) for r in good])
-        told.append(f"{name}: covered {share:.0%}, median estimate / true {median:.2g}")
-    head = ("indenter", "at, mm", "depth, mm", "model", "cells, mm", "force: estimate, %",
-            "true, %", "in plane: estimate, mm", "true, mm", "within tolerance", "s")  # fmt: skip
-    return [
-        "## Estimates of random presses", "",
-        f"Goals: covered at least {COVERED:.0%}, median at most {MEDIAN:g}. {'; '.join(told)}; "
-        f"{len(good)} of {len(entries)} were solved. True: against the next mesh (1.5 times as "
-        "fine) at second order and, for friction, half the steps at first order.", "",
-        *_table(head, body),
-    ]  # fmt: skip
 
 
 def _held(entries: Sequence[dict[str, Any]]) -> list[str]:

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from .measure.regression import least_squares
     from .measure.sensor_id import SensorModel, format_acceptance, read_acceptance
     from .measure.shape.density import SIGMA_PX, jacobian_density
-    from .measure.shape.depth import ContactRegion
+    from .measure.shape.depth import ContactRegion, DepthFinder, DepthModel
     # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

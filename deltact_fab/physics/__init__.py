@@ -9,9 +9,6 @@ from deltact_fab.door import open_door
 if TYPE_CHECKING:
     # isort: off
     # fmt: off
-    from .gel.finite.linear import SolverName
-    from .gel.finite.press import FinitePress
-    from .gel.finite.state import FiniteState
     from .gel.fit.fit import fit_press
     from .gel.fit.measured import MeasuredIndentation
     from .gel.level import Choice, GelLevel, follow_path

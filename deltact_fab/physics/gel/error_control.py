@@ -53,7 +53,7 @@ class ContactKind:
 
 SMOOTH_CONTACT = ContactKind(scatter=0.055, power=1.3, peak=1.5, extrapolated=True)
 SHARP_CONTACT = ContactKind(scatter=0.22, power=1.0, peak=2.0, extrapolated=False)
-# Over the contact radius: cells of which the fit had no larger ones; measured, docs/evidence/gel.md.
+# Cells over the contact radius, of which the fit had none larger: docs/evidence/gel.md.
 RESOLVED_CELLS, UNRESOLVED_POWER = 0.75, 3.0
 CORRECTION_SHARE = 0.5  # by hand: least error, of the correction to finer cells
 # Factors of the estimate, set on measured presses (docs/evidence/gel.md).
@@ -121,6 +121,12 @@ class MeshConvergence:
         """The larger of the estimates, over its tolerance."""
         force, in_plane = estimate["force_rel"], estimate["displacement_mm"]
         return max(force / self.tolerance, in_plane / self.in_plane_mm)
+
+    def better(self, refined: RefinedPress, cheaper: RefinedPress) -> RefinedPress:
+        """The refined press, unless it misses the tolerance by more than the cheaper one."""
+        if self.excess(refined.estimate) <= max(1.0, self.excess(cheaper.estimate)):
+            return refined
+        return replace(cheaper, limited=refined.limited)
 
     def meets_tolerance(self, estimate: dict[str, float]) -> bool:
         return self.excess(estimate) <= 1
@@ -239,8 +245,8 @@ class MeshConvergence:
             change_n = weight * (_hard_force_n(fine) - _hard_force_n(coarse))
             nearest = change_n if nearest is None else nearest
             # Cells too coarse for second order disagree with the next finer ones.
-            apart = _relative_size(change_n - nearest, fine)
-            error_rel = math.hypot((1 + weight) * scatter(fine), weight * scatter(coarse), apart)
+            discord = _relative_size(change_n - nearest, fine)
+            error_rel = math.hypot((1 + weight) * scatter(fine), weight * scatter(coarse), discord)
             if error_rel < best[1]:
                 best = change_n, error_rel
         return best if kind.extrapolated or not self._coarser_runs() else (best[0], scatter(fine))

@@ -238,8 +238,8 @@ def poisson_limit(level: GelLevel) -> float:
 def linear_grid_mm(skin: SkinDimensions, indenter: Indenter, depth_mm: float) -> float:
     """Largest grid whose error is small compared with the linear level's model error."""
     across = contact_radius_mm(indenter, depth_mm) / CELLS_ACROSS if depth_mm > 0 else MAX_GRID_MM
-    # A grid 1.5 times as coarse, for the error estimate, must fit the face too.
-    h = min(max(across, MIN_CELL_MM), MAX_GRID_MM, skin.length_mm / 24)
+    # A grid 1.5 times as coarse, for the error estimate, must fit the face too, once rounded.
+    h = min(max(across, MIN_CELL_MM), MAX_GRID_MM, skin.length_mm / 24.2)
     return float(f"{h:.3g}")
 
 

@@ -146,9 +146,7 @@ def press_gel(
             linear = model == "auto" and picked.level != FINITE_LEVEL
             if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
                 linear_press, picked = refined, choose(FINITE_LEVEL)
-                refined = refine(picked)
-                if ladder.excess(refined.estimate) > max(1.0, ladder.excess(linear_press.estimate)):
-                    refined = replace(linear_press, limited=refined.limited)
+                refined = ladder.better(refine(picked), linear_press)
     except TimeLimit:
         if refined is None:
             return refuse(

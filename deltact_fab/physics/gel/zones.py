@@ -120,8 +120,8 @@ def measure_zones(
         figures += [float((areas * zone).sum()), error_mm * float((areas * rim).sum())]
     if figures[0] <= 0:
         raise SolverError(
-            f"contact: the face is folded wherever it is touched; cells of {cell_mm:.3g} mm are too "
-            "coarse for this depth"
+            f"contact: the face is folded wherever it is touched; cells of {cell_mm:.3g} mm are "
+            "too coarse for this depth"
         )
     # Where cells are as large as the contact (error over a tenth of the area) it grows squared.
     figures[1] *= max(1.0, 10 * figures[1] / figures[0])

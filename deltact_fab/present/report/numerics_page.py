@@ -31,6 +31,8 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
         curves = [r for r in data["curves"] if r["engine"] == engine["name"]]
         by_case = {r["case"]: [s for s in curves if s["case"] == r["case"]] for r in curves}
         cases = [r for r in data["stability"] if r["engine"] == engine["name"]]
+        cells = [r for r in data["extremes"] if r["engine"] == engine["name"]]
+        charts = {r["chart"]: [s for s in cells if s["chart"] == r["chart"]] for r in cells}
         engines.append(
             {
                 **engine,
@@ -39,6 +41,8 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
                     f"{rows[0]['reference']} ({rows[0]['kind']}; {case})"
                     for case, rows in by_case.items()
                 ],
+                "charts": [figures.to_svg(extremes_chart(rows)) for rows in charts.values()],
+                "cells": Counter(r["outcome"] for r in cells),
                 "stability": html_table(
                     pd.DataFrame(cases, columns=STABILITY_COLUMNS),
                     marks=["bad" if r["outcome"] == "wrong" else "" for r in cases],
@@ -46,8 +50,45 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
                 "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
-    stable = _stability_check(data["stability"])
+    stable = _stability_check(data["stability"] + data["extremes"])
     return write_page(out, "numerics.html", [stable], engines=engines, meta=data["meta"])
+
+
+CELL_STYLES = {
+    "right": ("#8fce9b", ""), "flagged": ("#f4cf62", "flag"), "refused": ("#c3c8d1", "no"),
+    "wrong": ("#e0574f", "wrong"),
+}  # fmt: skip
+"""Colour and word of an outcome; a right one shows its figure."""
+
+
+def extremes_chart(rows: Sequence[dict[str, Any]]) -> Figure:
+    """Draw a chart of the map of extremes: a square per cell, framed if computed anew.
+
+    rows: of one chart. A figure in brackets is what is stated, without an outside answer.
+    """
+    names, columns = (list(dict.fromkeys(r[key] for r in rows)) for key in ("row", "column"))
+    height = 1.0 + 0.3 * len(names)
+    figure, (axis,) = figures.create_figure(2.4 + 0.62 * len(columns), height)
+    axis.grid(visible=False)
+    for row in rows:
+        x, y = columns.index(row["column"]), names.index(row["row"])
+        colour, words = CELL_STYLES[row["outcome"]]
+        if row["outcome"] == "right":
+            size = abs(row["figure"])
+            words = f"{size:.1g}" if size < 0.01 else f"{size:.2g}"
+            words = words if row["outside"] else f"({words})"
+        axis.barh(y, 0.94, 0.9, x - 0.47, color=colour, lw=1.6,
+                  edgecolor=figures.INK_COLOUR if row["anew"] else colour)  # fmt: skip
+        axis.text(x, y, words, ha="center", va="center", color="#1c2430", fontsize=8.5)
+    axis.set_xticks(range(len(columns)), columns, rotation=35 if len(columns) > 4 else 0)
+    axis.set_yticks(range(len(names)), names)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.tick_params(length=0)
+    for side in ("left", "bottom"):
+        axis.spines[side].set_visible(False)
+    title = textwrap.fill(rows[0]["chart"], 14 + 8 * len(columns))
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold", fontsize=9.5)
+    return figure
 
 
 def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
@@ -59,9 +100,9 @@ def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
         return Check("cases", value=f"{text} Do not trust results of these engines.", status="fail")
     return Check(
         "cases",
-        value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, or refused. The "
-        "engines can be trusted within the errors below; one against a finer self shows "
-        "convergence, not accuracy, and is never on the front.",
+        value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, flagged, or "
+        "refused. The engines can be trusted within the errors below; one against a finer self "
+        "shows convergence, not accuracy, and is never on the front.",
     )
 
 

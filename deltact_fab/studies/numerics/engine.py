@@ -18,7 +18,7 @@ TruthKind = Literal["exact", "independent solver", "finer self", "real recording
 
 
 class Flagged(DeltactFabError):
-    """The engine returned a result that it marks as untrusted; counts as a refusal."""
+    """The engine returned a result that it marks as untrusted; allowed where a refusal is."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,10 @@ class Case:
     """One row of the stability table.
 
     expectation: `right`: a figure with magnitude within bound; `refused`: a DeltactFabError (or
-    a result flagged as untrusted) with `says` in its text. check: called with the scratch folder;
-    returns the figure, or figure and note.
+    a result flagged as untrusted) with one of the words in `says`, separated by "|", in its text.
+    check: called with the scratch folder; returns the figure, or figure and note.
+    cell: chart, row and column of the map of extremes. outside: whether the figure is an error
+    against an answer from outside; else it is what the engine states.
     """
 
     name: str
@@ -73,6 +75,8 @@ class Case:
     bound: float | None = None
     unit: str = ""
     says: str = ""
+    cell: tuple[str, str, str] | None = None
+    outside: bool = True
 
     def __post_init__(self) -> None:
         if self.expectation != "refused" and self.bound is None:
@@ -81,18 +85,24 @@ class Case:
 
 @dataclass(frozen=True)
 class Engine:
-    """title, about: for the page. curves, cases: called with `quick`: a few seconds only."""
+    """title, about: for the page. cases: called with `quick`: a few seconds only.
+
+    extremes: cases of the map, each with its cell; their stored outcomes are in `extremes`. slow:
+    its curves take too long for a quick page.
+    """
 
     title: str
     about: str
     cases: Callable[[bool], Sequence[Case]]
-    curves: Callable[[bool], Sequence[CurveSetting]]
+    curves: Callable[[], Sequence[CurveSetting]]
+    extremes: Callable[[], Sequence[Case]] = tuple
+    slow: bool = False
 
 
 def judge(case: Case, scratch: Path) -> dict[str, Any]:
     """Run a case; return its row: expectation, figure, outcome, note.
 
-    Outcome: right, refused or wrong. Seconds: wall clock.
+    Outcome: right, flagged, refused or wrong. Seconds: wall clock.
     """
     start_s = time.perf_counter()
     figure: float | None = None
@@ -103,26 +113,31 @@ def judge(case: Case, scratch: Path) -> dict[str, Any]:
         figure = float(figure)
     except DeltactFabError as error:
         note = " ".join(str(error).split())
-        verdict = "refused"
+        verdict = "flagged" if isinstance(error, Flagged) else "refused"
     except Exception as error:  # a crash is a verdict of its own
         note = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
         verdict = "crashed"
     else:
         within = case.bound is not None and math.isfinite(figure) and abs(figure) <= case.bound
         verdict = "right" if within else "off"
-    if verdict == "refused" and case.says not in note:
-        verdict, note = "off", f"refused for another reason: {note}"
-    outcome = verdict if verdict in case.expectation.split(" or ") else "wrong"
+    expected = "refused" if verdict == "flagged" else verdict
+    if expected == "refused" and not any(words in note for words in case.says.split("|")):
+        expected, note = "off", f"refused for another reason: {note}"
+    outcome = verdict if expected in case.expectation.split(" or ") else "wrong"
     return stability_row(case, outcome, finite_or_none(figure), note, time.perf_counter() - start_s)
 
 
 def stability_row(
     case: Case, outcome: str, figure: float | None, note: str, seconds: float = 0.0
 ) -> dict[str, Any]:
-    return {
+    row = {
         "case": case.name, "expectation": case.expectation, "bound": case.bound, "figure": figure,
         "unit": case.unit, "outcome": outcome, "note": note, "seconds": seconds,
     }  # fmt: skip
+    if case.cell:
+        row |= dict(zip(("chart", "row", "column"), case.cell, strict=True))
+        row["outside"] = case.outside
+    return row
 
 
 def finite_or_none(figure: float | None) -> float | None:

@@ -11,6 +11,7 @@ import importlib
 import math
 import os
 import platform
+import secrets
 import sys
 import tempfile
 import time
@@ -23,6 +24,7 @@ from typing import Any
 from deltact_fab.common import InputError, Progress, RunFailed, did_you_mean, open_executor
 from deltact_fab.version import library_versions
 
+from . import extremes
 from .engine import (
     Case,
     CurveSetting,
@@ -35,7 +37,9 @@ from .engine import (
 )
 
 # Modules, imported only when asked for: an engine needs libraries that another does not.
-ENGINE_MODULES = {n: f"{__package__}.engines.{n}" for n in ("pattern", "flow", "gel", "measure")}
+ENGINE_MODULES = {n: f"{__package__}.engines.{n}" for n in (
+    "gel", "camera", "flow", "contact", "measure", "pattern", "search",
+)}  # fmt: skip
 
 
 def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -69,17 +73,19 @@ class Numerics:
     """Benchmark results as plain rows.
 
     engines: name, title, about. curves: rows of `compare_to_baseline`. stability: of `judge`.
+    extremes: of `extremes.stored_rows`, those computed anew marked.
     """
 
     meta: dict[str, Any]
     engines: ResultRows
     curves: ResultRows
     stability: ResultRows
+    extremes: ResultRows
 
     @property
     def wrong(self) -> ResultRows:
-        """Stability rows that fail the command."""
-        return [row for row in self.stability if row["outcome"] == "wrong"]
+        """Rows of cases that fail the command."""
+        return [row for row in self.stability + self.extremes if row["outcome"] == "wrong"]
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, as printed by `numerics --json`."""
@@ -98,7 +104,7 @@ class Numerics:
 
         data = self.as_dict()
         tables = {f"{name}.csv": pd.DataFrame(data[name], dtype=object)
-                  for name in ("curves", "stability") if data[name]}  # fmt: skip
+                  for name in ("curves", "stability", "extremes") if data[name]}  # fmt: skip
         files = write_results(out, {"numerics.json": data, **tables})
         page = out / "numerics.html"
         write_numerics_page(data, page)
@@ -106,18 +112,27 @@ class Numerics:
 
 
 def run_engines(
-    names: Sequence[str] = (), quick: bool = False, progress: Progress | None = None
+    names: Sequence[str] = (),
+    quick: bool = False,
+    progress: Progress | None = None,
+    seed: int | None = None,
 ) -> Numerics:
     """Run the curves and the hard cases of the named engines, all by default.
 
-    quick: a few settings and cases per engine. Raises InputError for an unknown engine, RunFailed
-    when a setting cannot be timed.
+    quick: a few settings and cases per engine. seed: of the cells of the map that are computed
+    anew; None: random. Raises InputError for an unknown engine, RunFailed when a setting cannot be
+    timed.
     """
 
     started = time.monotonic()
     tell = progress or (lambda count, total, label: None)
     engines = {name: load_engine(ENGINE_MODULES[name]) for name in check_names(tuple(names))}
-    plans = {name: (e.curves(quick), e.cases(quick)) for name, e in engines.items()}
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    cells = extremes.draw({name: e.extremes() for name, e in engines.items()}, quick, seed)
+    plans = {
+        name: (choose_settings(e, quick), [*e.cases(quick), *cells[name]])
+        for name, e in engines.items()
+    }
     total = sum(len(settings) + len(cases) for settings, cases in plans.values())
     curves: ResultRows = []
     stability: ResultRows = []
@@ -132,17 +147,31 @@ def run_engines(
             for row in case_rows(*place, cases, scratch, quick):
                 stability.append(row)
                 tell(len(curves) + len(stability), total, f"{name}: {row['case']}")
+    stored, about = extremes.stored_rows(tuple(engines))
     return Numerics(
         meta={
             "quick": quick,
+            "seed": seed,
+            "map": about,
             "seconds": time.monotonic() - started,
             "machine": describe_machine(),
             "versions": library_versions(),
         },
         engines=[{"name": n, "title": e.title, "about": e.about} for n, e in engines.items()],
         curves=compare_to_baseline(curves),
-        stability=stability,
+        stability=[row for row in stability if "chart" not in row],
+        extremes=extremes.update(stored, [row for row in stability if "chart" in row]),
     )
+
+
+def choose_settings(engine: Engine, quick: bool) -> list[CurveSetting]:
+    """Settings to time; if quick the baseline and the default of the first case."""
+    settings = list(engine.curves())
+    if not quick:
+        return settings
+    first = [s for s in settings if s.case == settings[0].case]
+    default = [s for s in first[1:] if s.recommended] or first[1:]
+    return [] if engine.slow else [first[0], *default[:1]]
 
 
 SILENCE_S = 600.0  # by hand: a reference takes minutes on a busy core; longer waits on a hung one
@@ -157,29 +186,30 @@ def case_rows(
     silence_s: float = SILENCE_S,
 ) -> Iterator[dict[str, Any]]:
     """Judge the cases in one process; after a crash (wrong) the rest in another."""
-    pending = list(range(len(cases)))
+    pending = list(cases)
     while pending:
         with open_executor(workers=1, threads=1) as process:
             while pending:
-                k = pending.pop(0)
-                job = process.submit(judge_case, module, scratch, quick, k)
+                case = pending.pop(0)
+                job = process.submit(judge_case, module, scratch, quick, case.name)
                 try:
                     yield {"engine": name, **job.result(silence_s)}
                 except (RunFailed, TimeoutError) as error:
                     note = f"the process died: {str(error) or f'no answer for {silence_s:g} s'}"
-                    yield {"engine": name, **stability_row(cases[k], "wrong", None, note)}
+                    yield {"engine": name, **stability_row(case, "wrong", None, note)}
                     break
 
 
-def judge_case(module: str, scratch: Path, quick: bool, k: int) -> dict[str, Any]:
+def judge_case(module: str, scratch: Path, quick: bool, name: str) -> dict[str, Any]:
     """Row of a module's case; runs in its process."""
     pin_to_one_core()
-    return judge(load_engine(module).cases(quick)[k], scratch)
+    engine = load_engine(module)
+    cases = (*engine.cases(quick), *engine.extremes())
+    return judge(next(case for case in cases if case.name == name), scratch)
 
 
 MIN_REPEATS = 5  # decision 0060
-MIN_LONG_REPEATS = 2  # by hand: of a setting over LONG_RUN_S, whose noise is small
-LONG_RUN_S = 1.0  # by hand: CPU time
+LONG_REPEATS = {1.0: 2, 5.0: 1}  # by hand: repeats over so much CPU time, whose noise is small
 MAX_REPEATS = 25  # by hand: more tightens the best of short runs, slower
 LONG_ENOUGH_S = 0.3  # by hand: total CPU time after which five repeats suffice
 
@@ -187,15 +217,19 @@ LONG_ENOUGH_S = 0.3  # by hand: total CPU time after which five repeats suffice
 def curve_rows(
     name: str, module: str, settings: Sequence[CurveSetting], scratch: Path, quick: bool
 ) -> Iterator[dict[str, Any]]:
-    """Time settings one by one. Raises RunFailed naming a setting that failed."""
-    for setting in settings:
+    """Time settings one by one, in a process each; if quick in one for all.
+
+    Raises RunFailed naming a setting that failed.
+    """
+    for group in [settings] if quick else [[setting] for setting in settings]:
         with open_executor(workers=1, threads=1) as process:
-            try:
-                job = process.submit(time_setting, module, scratch, quick, setting.key)
-                row = job.result(SILENCE_S)
-            except Exception as error:
-                raise RunFailed(f"numerics: {name}: {setting.key}: {error}") from error
-        yield {"engine": name, **row}
+            for setting in group:
+                try:
+                    job = process.submit(time_setting, module, scratch, setting.key)
+                    row = job.result(SILENCE_S)
+                except Exception as error:
+                    raise RunFailed(f"numerics: {name}: {setting.key}: {error}") from error
+                yield {"engine": name, **row}
 
 
 def clear_caches(folder: Path) -> None:
@@ -212,7 +246,7 @@ def clear_caches(folder: Path) -> None:
                     cached.cache_clear()
 
 
-def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str, Any]:
+def time_setting(module: str, scratch: Path, key: str) -> dict[str, Any]:
     """Row of one setting of a module, timed after a warm-up call; runs in its process.
 
     No call finds an earlier one's results: caches are emptied before each. cpu_s, cpu_most_s: best
@@ -221,7 +255,7 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
     error, reference_error: in `unit`. kind: of the reference.
     """
     pin_to_one_core()
-    setting = next(s for s in load_engine(module).curves(quick) if s.key == key)
+    setting = next(s for s in load_engine(module).curves() if s.key == key)
     work = setting.build(scratch)
     before_mb = reset_peak_mb()
     clear_caches(scratch)
@@ -230,7 +264,7 @@ def time_setting(module: str, scratch: Path, quick: bool, key: str) -> dict[str,
     first_s = time.process_time() - start_s
     wall_s: list[float] = []
     cpu_s: list[float] = []
-    min_repeats = MIN_REPEATS if first_s < LONG_RUN_S else MIN_LONG_REPEATS
+    min_repeats = min(n for s, n in {0.0: MIN_REPEATS, **LONG_REPEATS}.items() if first_s >= s)
     while len(cpu_s) < min_repeats or (sum(cpu_s) < LONG_ENOUGH_S and len(cpu_s) < MAX_REPEATS):
         clear_caches(scratch)
         start_s, start_cpu_s = time.perf_counter(), time.process_time()

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from raytraced import Imaging, Lens, Motion, Tracer, true_motion_mm
 
+from benchmarks.raytraced import Imaging, Lens, Motion, Tracer, true_motion_mm
 from deltact_fab.common import validate
 from deltact_fab.estimate.measure.flow.tracker import FlowTracker
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from raytraced import LAWS, Imaging, Lens, Tracer, chessboard
 from scipy.spatial.transform import Rotation
 
+from benchmarks.raytraced import LAWS, Imaging, Lens, Tracer, chessboard
 from deltact_fab.common.errors import InputError
 from deltact_fab.estimate.measure.lens.calibration import LensCalibration, lens_from_corners
 from deltact_fab.estimate.measure.lens.corners import Corners, find_corners

@@ -94,7 +94,8 @@ def test_first_mesh_within_tolerance_is_returned() -> None:
     cells = found.run.choice.spacing_mm / RADIUS_MM
     # Extrapolated from 2.25 times as large cells: the scatter of both meshes.
     weight = 1 / (2.25**2 - 1)
-    both = np.hypot(1 + weight, weight * 2.25**SMOOTH_CONTACT.power)
+    unresolved = (2.25 * cells / error_control.RESOLVED_CELLS) ** error_control.UNRESOLVED_POWER
+    both = np.hypot(1 + weight, weight * unresolved * 2.25**SMOOTH_CONTACT.power)
     scatter = SMOOTH_CONTACT.scatter * cells**SMOOTH_CONTACT.power * both
     assert found.estimate["force_rel"] == pytest.approx(scatter)
     assert scatter < TOLERANCE < scatter * error_control.MESH_RATIO**SMOOTH_CONTACT.power

@@ -57,7 +57,7 @@ def test_rendered_frame_has_requested_motion(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_trackers_differ_and_run_once(tmp_path: Path) -> None:
-    works = [s.build(tmp_path) for s in flow.curves(False) if s.case == flow.FAR_CASE]
+    works = [s.build(tmp_path) for s in flow.curves() if s.case == flow.FAR_CASE]
     flows, calls = count_calls(lambda: [work.run() for work in works])
     n_frames = len(flow_frames.scene(tmp_path, "far").images)
     assert calls["flow/tracker.py update"] == n_frames * len(works)

@@ -15,16 +15,17 @@ from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.numerics.engine import judge
-from deltact_fab.studies.numerics.harness import ENGINE_MODULES, load_engine
+from deltact_fab.studies.numerics.harness import ENGINE_MODULES, choose_settings, load_engine
 
 
 @pytest.mark.parametrize("quick", [True, False])
 @pytest.mark.parametrize("name", ENGINE_MODULES)
 def test_engines_have_curves_and_cases(name: str, quick: bool) -> None:
     engine = load_engine(ENGINE_MODULES[name])
-    settings, cases = list(engine.curves(quick)), list(engine.cases(quick))
-    assert len(settings) >= 2, f"{name} has no curve"
+    settings, cases = choose_settings(engine, quick), list(engine.cases(quick))
+    assert len(settings) >= 2 or (quick and engine.slow), f"{name} has no curve"
     assert cases, f"{name} has no stability cases"
+    cases += engine.extremes()
     assert len({s.key for s in settings}) == len(settings)
     assert len({c.name for c in cases}) == len(cases)
     for s in settings:
@@ -33,8 +34,8 @@ def test_engines_have_curves_and_cases(name: str, quick: bool) -> None:
         assert np.isfinite(s.reference_error)
     # A refusal for another reason is not the refusal that was expected.
     assert all(c.says for c in cases if "refused" in c.expectation)
-    assert any(c.expectation == "refused" for c in cases)
-    assert any(c.expectation == "right" for c in cases)
+    assert any("refused" in c.expectation for c in cases)
+    assert any("right" in c.expectation for c in cases)
 
 
 @pytest.mark.parametrize(
@@ -46,9 +47,7 @@ def test_engines_have_curves_and_cases(name: str, quick: bool) -> None:
 )
 def test_no_quick_case_is_wrong(name: str, tmp_path: Path) -> None:
     rows = [judge(case, tmp_path) for case in load_engine(ENGINE_MODULES[name]).cases(True)]
-    assert {r["outcome"] for r in rows} == {"right", "refused"}, [
-        r for r in rows if r["outcome"] == "wrong"
-    ]
+    assert [r for r in rows if r["outcome"] == "wrong"] == []
 
 
 def test_distance_detects_another_law() -> None:

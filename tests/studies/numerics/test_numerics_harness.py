@@ -49,7 +49,7 @@ def build(n, scratch):
         return len(block), os.environ["OMP_NUM_THREADS"], len(os.sched_getaffinity(0))
     return Work(run, lambda result: 1.0 / n if result[1:] == ("1", 1) else float("nan"))
 
-def curves(quick):
+def curves():
     return [CurveSetting("toy", "s", f"n = {n}", "mm", "the truth", 1e-9,
                     lambda scratch, n=n: build(n, scratch)) for n in (1, 2)]
 
@@ -102,10 +102,10 @@ def test_crash_or_hang_is_wrong(toy: str, tmp_path: Path) -> None:
 
 
 def test_a_setting_that_fails_is_named(toy: str, tmp_path: Path) -> None:
-    setting, _ = harness.load_engine(toy).curves(True)
+    setting, _ = harness.load_engine(toy).curves()
     wrong = type(setting)(**{**setting.__dict__, "name": "n = 0"})
     with pytest.raises(RunFailed, match=r"toy: toy \| s \| n = 0"):
-        list(harness.curve_rows("toy", toy, [wrong], tmp_path, True))
+        list(harness.curve_rows("toy", toy, [wrong], tmp_path, False))
 
 
 def test_pareto_front() -> None:
@@ -134,7 +134,7 @@ def test_wrong_row_fails_the_command(toy: str, tmp_path: Path) -> None:
     assert data["wrong"] == 6
     rows = {row["case"]: row for row in data["stability"]}
     assert {case: row["outcome"] for case, row in rows.items()} == {
-        "good": "right", "off": "wrong", "nan": "wrong", "refuses": "refused", "flags": "refused",
+        "good": "right", "off": "wrong", "nan": "wrong", "refuses": "refused", "flags": "flagged",
         "refuses for another reason": "wrong", "answers what it should refuse": "wrong",
         "refuses what it should answer": "wrong", "crashes": "wrong",
     }  # fmt: skip

@@ -18,7 +18,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import linalg, ndimage, optimize
 
-from deltact_fab.common import Array
+from deltact_fab.common import Array, InputError
 from deltact_fab.sensor import CameraModel, FaceCells, axes_mm
 
 from ..face import FaceFlow, fill_unknown
@@ -104,7 +104,8 @@ class FaceInverse:
     def solve(self, flow: FaceFlow) -> TractionField:
         """Solve the traction behind a frame's flow; the last solution is cached.
 
-        For a modulus of 1 MPa, on cells of the face: 0 outside the contact, t_z <= 0. cover: share
+        For a modulus of 1 MPa, on cells of the face: 0 outside the contact, t_z <= 0. Raises
+        InputError for a flow coarser than the cells. cover: share
         of the pressure on cells whose motion is known (none outside the view); without a contact,
         known share of the view; 0, without traction, if no press explains the flow.
         """
@@ -169,6 +170,11 @@ class FaceInverse:
 
     def _cell_shifts(self, flow: FaceFlow) -> tuple[Array, Array]:
         """Mean shift of the view's cells (ny, nx, 2), and mask of those at least half known."""
+        if flow.cell_mm > INVERSE_CELL_MM:
+            raise InputError(
+                f"a flow at points {flow.cell_mm:.2g} mm apart; at most {INVERSE_CELL_MM:g} mm, "
+                f"the cells of the inverse"
+            )
         flow = fill_unknown(flow)
         over_x = _overlap_weights(flow.x_mm, self.seen_x_mm)
         over_y = _overlap_weights(flow.y_mm, self.seen_y_mm)

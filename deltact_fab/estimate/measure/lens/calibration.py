@@ -21,9 +21,12 @@ from deltact_fab.sensor import (
 )
 
 from . import trust
-from .corners import find_corners, read_image
+from .corners import Corners, find_corners, read_image
 from .problem import BoardView, LensProblem, LensSolution, Prior, first_pose, nominal, priors, solve
 
+BoardPoints = tuple[Checkerboard, NDArray[np.float64], NDArray[np.int64]]
+"""A board, its corners' pixels (n, 2), and their columns and rows on it (n, 2)."""
+MIN_BOARD_CORNERS = 12  # by hand: fewer leave a pose and a lens undetermined
 CLEAR_DEPTH_PX = 0.5  # sigma 3 mm below the face; by hand: boards in air reach 0.25 (decision 0019)
 
 
@@ -49,6 +52,19 @@ class LensCalibration:
     images: list[dict[str, Any]]
     unread: list[str]
     simulated: list[int] | None
+
+    @classmethod
+    def from_points(
+        cls, contact: Sequence[BoardPoints], air: Sequence[BoardPoints],
+        size_px: tuple[int, int], sensor: SensorDimensions,
+    ) -> LensCalibration:  # fmt: skip
+        """Calibrate from corners of another detector. Raises as `lens_from_corners`."""
+        views = [
+            BoardView(Corners(f"board {k}", *points), touching)
+            for boards, touching in ((contact, True), (air, False))
+            for k, points in enumerate(boards, 1)
+        ]
+        return lens_from_corners(views, size_px, sensor)
 
     def notes(self) -> list[str]:
         """Return remarks on the figures."""
@@ -182,6 +198,12 @@ def lens_from_corners(
     simulated: list[int] | None = None,
 ) -> LensCalibration:
     """Calibrate from detected corners in images of (width, height) px. Raises InputError."""
+    for view in views:
+        if len(view.corners.px) < MIN_BOARD_CORNERS:
+            raise InputError(
+                f"{view.corners.source}: {len(view.corners.px)} corners of {view.corners.board}; "
+                f"at least {MIN_BOARD_CORNERS} are needed"
+            )
     contact_views = [s for s in views if s.contact]
     air_views = [s for s in views if not s.contact]
     base = nominal(sensor, [s.corners for s in contact_views], np.array(size_px))

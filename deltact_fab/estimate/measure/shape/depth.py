@@ -81,6 +81,8 @@ class Depth:
 
 
 class DepthFinder:
+    """Depth and contacts of one sensor's flows, by a calibration."""
+
     def __init__(self, view: SensorModel, model: DepthModel) -> None:
         self.view, self.model = model.view(view), model
         self.inverse = inverse_for(self.view)
@@ -93,6 +95,10 @@ class DepthFinder:
         too_deep = float(depth.max()) > EXTRAPOLATION_FACTOR * self.model.deepest_mm
         extrapolated = too_deep or press.cover < MIN_COVER
         return Depth(depth, flow.known, flow.x_mm, flow.y_mm, press.cover, extrapolated)
+
+    def contacts(self, flow: FaceFlow) -> list[ContactRegion]:
+        """Find the contacts of a flow, as `find_contacts`, without shares of the force."""
+        return find_contacts(self.find(flow), flow, self.view.camera)
 
     def linear_depth_mm(self, flow: FaceFlow, press: TractionField) -> Array:
         """Uncalibrated depth (h, w) float32 by linear elasticity, at the flow's points."""

@@ -163,7 +163,6 @@ def pressed(recipe: PatternRecipe = DOTS_RECIPE, sensor: ImageSensor | None = No
 FLOW_SCENES: dict[str, Callable[[], FlowSequence]] = {
     "press": pressed,
     "far": partial(in_plane, COARSE_RECIPE, far_bump, 10),
-    "far, fine": partial(in_plane, FINE_RECIPE, far_bump, 10),
     "near": partial(in_plane, COARSE_RECIPE, near_bump, 4),
     "near, fine": partial(in_plane, FINE_RECIPE, near_bump, 4),
     "other seed": partial(in_plane, COARSE_RECIPE.model_copy(update={"seed": 24}), near_bump),

@@ -1,14 +1,15 @@
 """The gel at its levels: error of force and displacement against run time.
 
 Truths are presses of other solvers, stored with the package. The linear level's error is its
-model's, whatever its grid. Cases: stiff and extreme presses; a state that the solver marks as
-untrusted counts as refused.
+model's, whatever its grid. The map is of the command `gel press` as it is: within its stated error
+of an outside answer, flagged, or refused with its cause.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,37 +17,31 @@ from typing import Any
 
 import numpy as np
 
-from deltact_fab.common import Point, RunFailed, read_json, validate
+from deltact_fab.common import Field, Point2, RunFailed, read_json, validate
 from deltact_fab.paths import asset
-from deltact_fab.physics import FORCE_TOLERANCE, LinearContact, PressOutcome, follow_path, press_gel
-from deltact_fab.sensor import FreeBlock, GelMaterial, SkinDimensions, parse_indenter
+from deltact_fab.physics import (
+    FORCE_TOLERANCE,
+    GelLevel,
+    Increments,
+    ObservedChannels,
+    PressOutcome,
+    choose_level,
+    open_path,
+    press_gel,
+)
+from deltact_fab.sensor import (
+    GelMaterial,
+    Indenter,
+    PosedTip,
+    SkinDimensions,
+    SphereTip,
+    parse_indenter,
+)
 
-from ..engine import Case, CurveSetting, Engine, Work
-from . import gel_press as checks
-from .gel_press import GelCase, down, solve_press
+from ..engine import Case, CurveSetting, Engine, Flagged, Work
 
+TRUTH_MPA = 0.56  # definition: modulus of the stored truths
 CURVE_TOLERANCES = 0.1, FORCE_TOLERANCE, 0.01  # by hand: looser and tighter than the default
-
-
-def linear_breach(scene: GelCase, depth_mm: float, scratch: Path) -> tuple[float, str]:
-    """Worst contact violation of a press and 0.3 mm drag at the linear level.
-
-    Penetration or gap under pressure (over the depth), or shear above friction x pressure (over its
-    largest bound), recomputed on the whole face.
-    """
-    face = FreeBlock(scene.skin(), scene.material(), scene.spacing_mm)
-    contact = LinearContact(face, parse_indenter(scene.indenter))
-    *_, pressed = follow_path(contact, contact.rest(), (0.0, 0.0, depth_mm), 0.3)
-    state = contact.solve(pressed, (0.3, 0.0, depth_mm))
-    traction = np.concatenate([state.shear_mpa, -state.pressure_mpa[..., None]], axis=-1)
-    x, y = np.meshgrid(face.x_mm, face.y_mm)
-    height = contact.indenter.height_mm(x + state.drag_mm[..., 0] - 0.3, y + state.drag_mm[..., 1])
-    gap = height - depth_mm - face.apply(traction)[..., 2]
-    bound = contact.friction * state.pressure_mpa
-    excess = (np.hypot(*np.moveaxis(state.shear_mpa, -1, 0)) - bound).max() / bound.max()
-    worst = max(-gap.min(), np.abs(gap[state.pressure_mpa > 0]).max()) / depth_mm
-    fx, _, fz = state.force_n
-    return float(max(worst, excess)), f"Fx {fx:+.3f} N, Fz {fz:+.3f} N"
 
 
 # -- curves --------------------------------------------------------------------------------------
@@ -83,8 +78,7 @@ class TruePress:
 
     def solve(self, **options: Any) -> PressOutcome:
         """Press like `gel press`; options: of `press_gel`. Raises RunFailed where it refuses."""
-        h = self.thickness_mm
-        skin = SkinDimensions(*self.side_mm, h, min(2.0, h / 2), h)
+        skin = self.skin()
         gel = GelMaterial(TRUTH_MPA, self.poisson, friction=self.friction)
         shear = self.shear_mm, 0.0
         press = press_gel(
@@ -94,9 +88,14 @@ class TruePress:
             raise RunFailed(f"{self.name}: {press.result['reason']}")
         return press
 
-    def force_percent(self, press: PressOutcome) -> float:
-        """Error of the force, % of its size."""
-        truth = np.array(self.force_n)
+    def skin(self, protrusion_mm: float | None = None) -> SkinDimensions:
+        """Block of the press. protrusion_mm: out of its frame; None: all of it."""
+        h = self.thickness_mm
+        return SkinDimensions(*self.side_mm, h, min(2.0, h / 2), protrusion_mm or h)
+
+    def force_percent(self, press: PressOutcome, modulus_mpa: float = TRUTH_MPA) -> float:
+        """Error of the force, % of its size; forces are in proportion to the modulus."""
+        truth = np.array(self.force_n) * (modulus_mpa / TRUTH_MPA)
         error_n = np.array(press.result["force_n"]) - truth
         return 100 * float(np.linalg.norm(error_n) / np.linalg.norm(truth))
 
@@ -110,11 +109,10 @@ class TruePress:
         radial = np.interp(r, radii_mm, self.radial_mm) / np.maximum(r, 1e-12)
         error_mm = press.displacement_mm[..., :2] - radial[..., None] * np.stack([x, y], axis=-1)
         inner = r <= min(self.side_mm) / 2 - self.thickness_mm
-        return checks.rms_mm(error_mm * inner[..., None])
+        return rms_mm(error_mm * inner[..., None])
 
 
 RADII_STEP_MM = 0.25  # definition: of the stored truths
-TRUTH_MPA = 0.56  # definition: modulus of the stored truths
 
 
 def load_truths() -> list[TruePress]:
@@ -123,22 +121,68 @@ def load_truths() -> list[TruePress]:
     return [validate(TruePress, row, str(path)) for row in read_json(path)["presses"]]
 
 
-def curves(quick: bool) -> Sequence[CurveSetting]:
+def rms_mm(vectors_mm: Field) -> float:
+    """Root mean square length of in-plane vectors (ny, nx, 2)."""
+    return math.sqrt(float((vectors_mm**2).sum(axis=-1).mean()))
+
+
+def curves() -> Sequence[CurveSetting]:
     """`gel press` by tolerance, and its linear level by grid, on presses of other solvers."""
     settings = []
-    for truth in load_truths()[: 1 if quick else None]:
-        options: list[dict[str, Any]] = [
-            {"tolerance": t} for t in CURVE_TOLERANCES[: 2 if quick else 3]
-        ]
-        if not (quick or truth.shear_mm) and truth.indenter.startswith("sphere"):
+    for truth in load_truths():
+        options: list[dict[str, Any]] = [{"tolerance": t} for t in CURVE_TOLERANCES]
+        if not truth.shear_mm and truth.indenter.startswith("sphere"):
             options += [{"model": "linear", "spacing_mm": h} for h in (0.5, 0.25)]
         for option in options:
             settings.append(_setting(truth, option, "% of the force", TruePress.force_percent))
-            if truth.radial_mm and not quick:
+            if truth.radial_mm:
                 settings.append(
                     _setting(truth, option, "mm rms over the face", TruePress.in_plane_mm)
                 )
-    return settings
+    return settings + _place_settings()
+
+
+PLACES_MM = ((0.0, 0.0), (4.0, 3.0), (-5.0, 2.0), (-3.0, -6.0), (6.0, -4.0))
+"""By hand: of presses beside the one with a truth."""
+PLACED_UNKNOWNS = (4000, 8000)  # by hand: below and at the virtual rig's
+
+
+def _place_settings() -> list[CurveSetting]:
+    """Presses of one ball at six places: solved at each, and from one table."""
+    default = ("hyperelastic", PLACED_UNKNOWNS[-1])
+    return [
+        CurveSetting(
+            f"{len(PLACES_MM) + 1} presses of a ball at places: force off the middle", level,
+            f"{unknowns} unknowns", "% of the force", "3D, benchmarks.gel_places", 0.0,
+            partial(_presses_at_places, level, unknowns), "independent solver",
+            (level, unknowns) == default,
+        )
+        for level in ("hyperelastic", "tabulated") for unknowns in PLACED_UNKNOWNS
+    ]  # fmt: skip
+
+
+def _presses_at_places(level: GelLevel, unknowns: int, scratch: Path) -> Work:
+    row = read_json(asset("gel_truths.json"))["placed"]
+    gel = GelMaterial(TRUTH_MPA, row["poisson"], friction=row["friction"])
+    skin, tip = SkinDimensions(thickness_mm=row["thickness_mm"]), parse_indenter(row["indenter"])
+    depth = row["depth_mm"]
+
+    def press(x: float, y: float) -> Field:
+        corners = [(x, y, 0.0), (x, y, -depth)]
+        straight = Increments(depth, depth).poses(corners)
+        choice = choose_level(skin, gel, tip, straight, level=level, observe_shear=False,
+                              most_unknowns=unknowns)  # fmt: skip
+        poses = Increments(choice.step_mm, choice.step_mm).poses(corners)
+        observed = ObservedChannels(fields="last")
+        *_, last = open_path(skin, gel, tip, poses, observed, choice).solve_all()
+        return TRUTH_MPA * np.array(last.force_n)
+
+    def error(forces: list[Field]) -> float:
+        truth = np.array(row["force_n"])
+        return 100 * float(np.linalg.norm(forces[0] - truth) / np.linalg.norm(truth))
+
+    places = [row["place_mm"], *PLACES_MM]
+    return Work(lambda: [press(*place) for place in places], error)
 
 
 def _setting(
@@ -164,80 +208,202 @@ def _build(
     return Work(partial(truth.solve, **options), partial(error, truth))
 
 
+# -- the map ---------------------------------------------------------------------------------------
+
+EXTREME_VALUES: dict[str, tuple[float, ...]] = {
+    "poisson": (0.0, 0.2, 0.4, 0.45, 0.49, 0.495, 0.499, 0.4999),
+    "depth_share": (0.001, 0.01, 0.1, 0.25, 0.5, 0.75, 0.95),
+    "thickness_mm": (0.8, 1.5, 3.0, 6.0, 12.0, 20.0),
+    "sphere": (0.6, 1.5, 3.0, 6.0, 10.0, 20.0, 30.0),
+    "cylinder": (6.0, 10.0, 20.0),
+    "friction": (0.0, 0.1, 0.5, 1.0, 2.0),
+    "drag_mm": (0.25, 1.0, 3.0),
+    "modulus_mpa": (0.001, 0.1, 10.0, 100.0),
+}
+"""By hand: what a lab's gels and tips have, and beyond; diameters of tips, mm."""
+EXTREME_SHAPES = "sphere:10", "cylinder:8", "edges", "hexprism", "star", "4dots", "pair 1 mm apart"
+EXTREME_POSES: dict[str, dict[str, Any]] = {
+    "level": {}, "tilted 10": {"tilt_deg": 10.0}, "tilted 40": {"tilt_deg": 40.0},
+    "at x 15": {"at_mm": (15.0, 0.0)}, "over the rim": {"at_mm": (18.0, 0.0)},
+}  # fmt: skip
+DEEP_PRESSES = {"5 mm": (5.0, 0.0), "10 mm": (10.0, 0.0), "5, dragged 3": (5.0, 3.0)}
+"""By hand: depth and drag, mm."""
+FULL_STICK = 2.0  # definition: a friction coefficient at which nothing slips
+CELL_LIMIT_S = 30.0  # by hand: CPU time of a press; the command's own limit is four times as long
+PAIR_BALL_MM = 3.0  # by hand: radius of the tips of a pair
+LARGEST_TOLERANCE = 100 * FORCE_TOLERANCE
+
+
+@dataclass(frozen=True)
+class ExtremePress:
+    """Cell of the map. truth: None without an outside answer. causes: words of a refusal."""
+
+    chart: str
+    row: str
+    column: str
+    press: TruePress
+    causes: str
+    outside: bool = False
+    modulus_mpa: float = TRUTH_MPA
+    at_mm: Point2 = (0.0, 0.0)
+    tilt_deg: float = 0.0
+    protrusion_mm: float | None = None
+
+    @property
+    def name(self) -> str:
+        return f"{self.chart.partition(':')[0]}: {self.row}, {self.column}"
+
+    def indenter(self) -> Indenter:
+        """Tip of the press, tilted about y."""
+        name = self.press.indenter
+        if name.startswith("pair"):
+            x_mm = 0.5 * float(name.split()[1])
+            return Indenter(name, tuple(SphereTip(x, 0.0, PAIR_BALL_MM) for x in (-x_mm, x_mm)))
+        shape = parse_indenter(name)
+        if not self.tilt_deg:
+            return shape
+        tips = (tip if isinstance(tip, PosedTip) else PosedTip(tip, 0.0, 0.0) for tip in shape.tips)
+        tilted = tuple(replace(tip, tilt_y_deg=self.tilt_deg) for tip in tips)
+        return Indenter(f"{name}, tilted", tilted)
+
+    def check(self, scratch: Path) -> tuple[float, str]:
+        """Error of the force over what is stated; without an outside answer what is stated, %."""
+        p = self.press
+        skin = p.skin(self.protrusion_mm)
+        gel = GelMaterial(self.modulus_mpa, p.poisson, friction=p.friction)
+        outcome = press_gel(
+            skin, gel, self.indenter(), self.at_mm, p.depth_mm, (p.shear_mm, 0.0),
+            limit_s=CELL_LIMIT_S,
+        )  # fmt: skip
+        result = outcome.result
+        if result["force_n"] is None:
+            raise RunFailed(result["reason"])
+        stated = 100 * result["error_estimate"]["force_rel"]
+        note = f"stated {stated:.2g} %"
+        if self.outside:
+            error = p.force_percent(outcome, self.modulus_mpa)
+            note = f"off by {error:.2g} %, {note}, {p.solver}"
+        if not result["within_tolerance"]:
+            raise Flagged(f"flagged: not within tolerance; {note}")
+        return (error / (stated + 100 * p.error_rel), note) if self.outside else (stated, note)
+
+
+def wide_side_mm(thickness_mm: float, contact_mm: float) -> float:
+    """Side of a block so wide that its shape does not matter."""
+    return round(2 * (2.5 * thickness_mm + contact_mm), 1)
+
+
+def wide_press(
+    indenter: str, poisson: float, friction: float, thickness_mm: float, depth_mm: float
+) -> TruePress:
+    """Press in the middle of a wide block; its force is unknown."""
+    kind, _, size = indenter.partition(":")
+    radius = float(size) / 2
+    contact = math.sqrt(radius * depth_mm) if kind == "sphere" else radius
+    side = wide_side_mm(thickness_mm, contact)
+    return TruePress(
+        indenter, poisson, friction, (side, side), thickness_mm, depth_mm, (0.0, 0.0, 0.0), 0.0,
+        "axisymmetric, benchmarks.gel_axisymmetric",
+    )  # fmt: skip
+
+
+def wide_cells() -> Iterator[ExtremePress]:
+    """Cells whose truth an axisymmetric solver can give."""
+    chart = "Poisson's ratio and depth: sphere:10, 12 mm of gel, no friction"
+    for nu in EXTREME_VALUES["poisson"]:
+        for share in EXTREME_VALUES["depth_share"]:
+            press = wide_press("sphere:10", nu, 0.0, 12.0, round(12 * share, 4))
+            yield ExtremePress(chart, f"{nu:g}", f"{share:.1%}", press, "poisson|deep|depth")
+    for kind in ("sphere", "cylinder"):
+        chart = f"{kind.capitalize()}s by thickness: full stick, 10 % of the gel or 20 % of the tip"
+        for h in EXTREME_VALUES["thickness_mm"]:
+            for size in EXTREME_VALUES[kind]:
+                depth = round(min(0.1 * h, 0.2 * size), 4)
+                press = wide_press(f"{kind}:{size:g}", 0.48, FULL_STICK, h, depth)
+                yield ExtremePress(chart, f"{h:g} mm of gel", f"{size:g} mm", press,
+                                   "thick|mm wide|cells|depth")  # fmt: skip
+
+
+def _other_cells() -> Iterator[ExtremePress]:
+    """Cells on the standard block: materials, drags, shapes and poses."""
+    truths = load_truths()
+    for modulus in EXTREME_VALUES["modulus_mpa"]:
+        yield ExtremePress("Modulus: a press of the curves", truths[0].indenter, f"{modulus:g} MPa",
+                           truths[0], "modulus", True, modulus)  # fmt: skip
+    base = truths[-1]
+    for friction in EXTREME_VALUES["friction"]:
+        for drag in EXTREME_VALUES["drag_mm"]:
+            press = replace(base, friction=friction, shear_mm=drag)
+            true = stored_extremes()["drags"].get(f"{friction:g}, {drag:g}")
+            if true is not None:
+                press = replace(press, force_n=tuple(true))
+            yield ExtremePress(
+                f"Friction and drag: {base.indenter}, {base.depth_mm:g} mm deep",
+                f"friction {friction:g}", f"{drag:g} mm", press, "drag|friction|slip",
+                true is not None, protrusion_mm=6.0,
+            )  # fmt: skip
+    for shape in EXTREME_SHAPES:
+        for pose, options in EXTREME_POSES.items():
+            press = replace(base, indenter=shape, depth_mm=1.0, friction=0.5, shear_mm=0.0)
+            yield ExtremePress("Shapes and poses: 1 mm deep in 12 mm", shape, pose, press,
+                               "rim|tilt|edge|gel", protrusion_mm=6.0, **options)  # fmt: skip
+        for name, (depth, drag) in DEEP_PRESSES.items():
+            deep = replace(press, depth_mm=depth, shear_mm=drag)
+            yield ExtremePress("Shapes, deep: in 12 mm, friction 0.5", shape, name, deep,
+                               "gel|converge|depth|deep", protrusion_mm=6.0)  # fmt: skip
+
+
+@functools.cache
+def stored_extremes() -> dict[str, Any]:
+    """Stored forces: wide {cell: [N, relative error]}, drags {friction, drag: force}."""
+    stored: dict[str, Any] = read_json(asset("gel_truths.json"))["extremes"]
+    return stored
+
+
+def extremes() -> Sequence[Case]:
+    """`gel press` over the ranges of gels, tips, depths and poses, and beyond."""
+    cells = []
+    for cell in wide_cells():
+        normal_n, error_rel = stored_extremes()["wide"].get(cell.name, (None, 0.0))
+        if normal_n is not None:
+            press = replace(cell.press, force_n=(0.0, 0.0, -normal_n), error_rel=error_rel)
+            cell = replace(cell, press=press, outside=True)
+        cells.append(cell)
+    return [
+        Case(cell.name, "right or refused", cell.check, 1.0 if cell.outside else LARGEST_TOLERANCE,
+             "of what is stated" if cell.outside else "% stated", f"flagged|{cell.causes}",
+             (cell.chart, cell.row, cell.column), cell.outside)
+        for cell in (*cells, *_other_cells())
+    ]  # fmt: skip
+
+
+def _refused(indenter: str, poisson: float, depth_mm: float, scratch: Path) -> float:
+    """Press that must be refused; NaN if it is not."""
+    replace(wide_press(indenter, poisson, 0.0, 12.0, 1.0), depth_mm=depth_mm).solve()
+    return math.nan
+
+
 def cases(quick: bool) -> Sequence[Case]:
-    """Cases of seconds; `make evidence` has those of minutes and hours."""
-    coarse = GelCase(spacing_mm=2.0)
-    out = [
-        *(cases_by_poisson((0.4999,))[1:] if quick else cases_by_poisson((0.3, 0.4999))),
-        *cases_by_friction((0.5,) if quick else (0.5, 100.0)),
-        *_linear(quick),
-        _refused("depth NaN", "finite", coarse, down(math.nan)),
-        _refused("nu 0.5", "poisson", replace(coarse, nu=0.5), down(1.0)),
-        *(
-            _refused(f"sphere:0.5 on cells of {h:g} mm at {x:g}, {y:g}", "not resolved",
-                     GelCase("sphere:0.5", h, mirrors=(False, False), focus=None), (x, y, depth))
-            for h, x, y, depth in ((2.0, 0.0, 0.0, 0.2), (3.0, 0.7, 0.2, 0.5))
-        ),
-    ]  # fmt: skip
-    if not quick:
-        out.append(Case("10 mm in one increment, friction 0: against 10", "right",
-                        partial(checks.one_increment, coarse, 10.0), 1e-6,
-                        "of the force"))  # fmt: skip
-    return out
-
-
-def cases_by_poisson(nus: Sequence[float]) -> list[Case]:
-    """Presses to 5 mm at these Poisson's ratios, against a finer mesh and the stored energy."""
-    work = partial(checks.evaluate_law, checks.work_error_percent)
-    judges = (("finer mesh", checks.mesh_error_percent, 1.0, "% of the force"),
-              ("work of the indenter", work, 0.5, "% of the energy"))  # fmt: skip
+    """Numbers that are none."""
+    refused: dict[str, tuple[str, float, float, str]] = {
+        "depth NaN": ("sphere:10", 0.49, math.nan, "finite"),
+        "nu 0.5": ("sphere:10", 0.5, 1.0, "poisson"),
+        "a ball of 0.3 mm": ("sphere:0.3", 0.49, 0.1, "0.5 to 30"),
+        "deeper than the gel": ("sphere:10", 0.49, 13.0, "thick"),
+    }
     return [
-        Case(f"nu {nu:g} to 5 mm: {name}", "right",
-             partial(judge, GelCase(nu=nu), 0.5, (down(5.0),)), bound, unit)
-        for name, judge, bound, unit in judges for nu in nus
-    ]  # fmt: skip
+        Case(name, "refused", partial(_refused, tip, poisson, depth_mm), says=says)
+        for name, (tip, poisson, depth_mm, says) in refused.items()
+    ] + [Case("a press of the curves", "right", _first_press, 1.0, "of what is stated")]
 
 
-def cases_by_friction(frictions: Sequence[float]) -> list[Case]:
-    """Drags at these friction coefficients: friction cone, and force balance at the base."""
-    laws = (("cone", checks.cone_excess, 5e-3, "of the bound"),
-            ("base carries the force", checks.imbalance, 1e-6, "of the force"))  # fmt: skip
-    return [
-        Case(f"friction {mu:g}, 3 mm deep, dragged 3 mm: {name}", "right or refused",
-             partial(checks.evaluate_law, measure,
-                     GelCase(spacing_mm=2.0, friction=mu, mirrors=(False, True)), 1.0,
-                     (down(3.0), (3.0, 0.0, 3.0))), bound, unit, "press:")
-        for mu in frictions
-        for name, measure, bound, unit in laws
-        if mu > 0 or measure is not checks.cone_excess
-    ]  # fmt: skip
-
-
-def _linear(quick: bool) -> list[Case]:
-    """Drags at the linear level to its limits of material, friction and depth; refusals."""
-    fine = GelCase("sphere:10", 0.5, friction=0.5)
-    drags = [(fine, 1.2)]
-    if not quick:
-        drags += [(replace(fine, nu=nu), 1.2) for nu in (0.0, 0.4999)]
-        drags += [(replace(fine, friction=mu), 1.2) for mu in (5.0, 100.0)]
-        drags.append((fine, 3.0))
-    refused = (("1e-3 mm deep, the tip between nodes", "touches no grid node", fine, 1e-3),
-               ("over a quarter of the gel", "use level hyperelastic", fine, 3.1),
-               ("nu 0.5", "poisson <=", replace(fine, nu=0.5), 1.2))  # fmt: skip
-    return [
-        *(Case(f"linear: nu {scene.nu:g}, friction {scene.friction:g}, {depth:g} mm deep, dragged",
-               "right or refused", partial(linear_breach, scene, depth), 1e-5, "of the depth",
-               "contact:") for scene, depth in drags),
-        *(Case(f"linear: {name}", "refused", partial(linear_breach, scene, depth), says=says)
-          for name, says, scene, depth in refused),
-    ]  # fmt: skip
-
-
-def _refused(name: str, says: str, scene: GelCase, tip: Point) -> Case:
-    call = partial(checks.expect_refusal, partial(solve_press, scene, 1.0, tip))
-    return Case(name, "refused", call, says=says)
+def _first_press(scratch: Path) -> float:
+    """Error of the force over what is stated."""
+    truth = load_truths()[0]
+    press = truth.solve()
+    return truth.force_percent(press) / (100 * press.result["error_estimate"]["force_rel"])
 
 
 ENGINE = Engine(
-    "Gel", "The command gel press against presses of independent solvers.", cases, curves
+    "Gel", "The command gel press against presses of independent solvers.", cases, curves, extremes
 )

@@ -125,18 +125,19 @@ def _density(stride: int, scratch: Path) -> Work:
     )
 
 
-def curves(quick: bool) -> Sequence[CurveSetting]:
+def curves() -> Sequence[CurveSetting]:
     """Errors over strides of 1 to 16 px."""
-    strides = (4, 8) if quick else STRIDES_PX
     exact = partial(CurveSetting, reference="closed form", reference_error=0.0)
     hodge = [
         exact(f"parts of a flow whose features have sigma {sigma_mm:g} mm", "d, r, h",
-              f"every {stride} px", "% of the field, rms", build=partial(_parts, sigma_mm, stride))
-        for sigma_mm in (SMOOTH_SIGMA_MM, FINE_SIGMA_MM)[: 1 if quick else 2] for stride in strides
+              f"every {stride} px", "% of the field, rms", build=partial(_parts, sigma_mm, stride),
+              recommended=stride == FaceFlow.SPACING_PX)
+        for sigma_mm in (SMOOTH_SIGMA_MM, FINE_SIGMA_MM) for stride in STRIDES_PX
     ]  # fmt: skip
     density = [
         exact("Gaussian density of a dent", "Jacobian", f"every {stride} px", "% of its range, rms",
-              build=partial(_density, stride)) for stride in strides
+              build=partial(_density, stride), recommended=stride == FaceFlow.SPACING_PX)
+        for stride in STRIDES_PX
     ]  # fmt: skip
     return hodge + density
 

@@ -93,7 +93,7 @@ def _by_rejection(n: int, r: float, scratch: Path) -> Work:
     return Work(run, error)
 
 
-def curves(quick: bool) -> Sequence[CurveSetting]:
+def curves() -> Sequence[CurveSetting]:
     """Exact sampling, and the printed algorithm where it terminates (r <= 1/4)."""
     kinds: tuple[tuple[str, Callable[[int, float, Path], Work], tuple[int, ...], float], ...] = (
         ("exact, by anti-diagonals", _by_levels, (30, 100, 466, 1000), 1.0),
@@ -105,9 +105,9 @@ def curves(quick: bool) -> Sequence[CurveSetting]:
             "uniform conditional shares (the law itself)", 1.36 / math.sqrt(3 * n * n),
             partial(build, n, r),
         )
-        for r in ((0.1,) if quick else (0.1, 0.6))
+        for r in (0.1, 0.6)
         for series, build, sizes, most_r in kinds if r <= most_r
-        for n in (sizes[1:2] if quick else sizes)
+        for n in sizes
     ]  # fmt: skip
 
 
