@@ -7,6 +7,7 @@ in a process of its own with an empty store. Simulated. The table is LEAVE_OUT.m
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import subprocess
@@ -117,10 +118,12 @@ def main() -> None:
     for row in rows():
         lines.append(row)
         print(row, flush=True)
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
     head = [
         "# What a protocol does not need",
         "",
-        "Written by `python -m benchmarks.leave_out`.",
+        f"Written by `python -m benchmarks.leave_out` ({today}). First press of each protocol on",
+        "the rig `virtual`; a run over the limit of time has no row.",
         "",
     ]
     if not sys.argv[1:]:

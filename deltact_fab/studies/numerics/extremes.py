@@ -31,7 +31,7 @@ def draw(cells: Mapping[str, Sequence[Case]], quick: bool, seed: int) -> dict[st
 
 
 def stored_rows(engines: Sequence[str]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Stored rows of these engines, and date, versions and seed-free facts of the map.
+    """Stored rows of these engines, and date, versions and digests of the map.
 
     stale: engines whose code has changed since.
     """

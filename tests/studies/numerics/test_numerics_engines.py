@@ -27,6 +27,7 @@ def test_engines_have_curves_and_cases(name: str, quick: bool) -> None:
     assert cases, f"{name} has no stability cases"
     cases += engine.extremes()
     assert len({s.key for s in settings}) == len(settings)
+    assert any(s.recommended for s in settings) or name == "pattern" or not settings
     assert len({c.name for c in cases}) == len(cases)
     for s in settings:
         assert s.unit

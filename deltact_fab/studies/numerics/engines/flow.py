@@ -177,7 +177,7 @@ def _track_far(name: str, scratch: Path) -> Work:
 
 def curves() -> Sequence[CurveSetting]:
     """Methods on image pairs, ray-traced and drawn; trackers through ten frames."""
-    default = FlowTracker().method
+    default = FlowTracker().method.name
     drawn = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
         reference_error=PictureGeometry.TOLERANCE_PX * VIEW_MM_PER_PX,

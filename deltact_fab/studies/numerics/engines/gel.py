@@ -228,6 +228,7 @@ EXTREME_POSES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 DEEP_PRESSES = {"5 mm": (5.0, 0.0), "10 mm": (10.0, 0.0), "5, dragged 3": (5.0, 3.0)}
 """By hand: depth and drag, mm."""
+LEAST_SIDE_MM = 5.0  # definition: of `SkinDimensions`
 FULL_STICK = 2.0  # definition: a friction coefficient at which nothing slips
 CELL_LIMIT_S = 30.0  # by hand: CPU time of a press; the command's own limit is four times as long
 PAIR_BALL_MM = 3.0  # by hand: radius of the tips of a pair
@@ -290,7 +291,7 @@ class ExtremePress:
 
 def wide_side_mm(thickness_mm: float, contact_mm: float) -> float:
     """Side of a block so wide that its shape does not matter."""
-    return round(2 * (2.5 * thickness_mm + contact_mm), 1)
+    return max(LEAST_SIDE_MM, round(2 * (2.5 * thickness_mm + contact_mm), 1))
 
 
 def wide_press(
