@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .options import out_folder
+from .options import out_folder, seed
 from .output import Answer, answers, columns_of, files_line, progress
 
 CURVE_COLUMNS = (
@@ -33,12 +33,7 @@ def map_line(result: Any) -> str:
 @click.command(epilog="Example: deltact-fab numerics pattern --quick")
 @click.argument("engines", nargs=-1, metavar="[ENGINE]...")
 @click.option("--quick", is_flag=True, help="Only a few settings and cases of each engine.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Seed of the cells that are computed anew; random by default.",
-)
+@seed("Seed of the cells that are computed anew; random by default.", None)
 @out_folder("Folder for a page, JSON and CSV.")
 @answers
 def numerics(engines: tuple[str, ...], quick: bool, seed: int | None, out: Path | None) -> Answer:

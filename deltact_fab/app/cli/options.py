@@ -124,6 +124,6 @@ SENSOR_OPTION = click.option(
 )  # fmt: skip
 
 
-def seed(help: str, default: int = 0) -> Decorator:
+def seed(help: str, default: int | None = 0) -> Decorator:
     """Make `--seed N`, for all random numbers of a command."""
     return click.option("--seed", type=SEED_TYPE, default=default, metavar="N", help=help)

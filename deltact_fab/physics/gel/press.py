@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from deltact_fab.common import (
     Point,
     Point2,
     Progress,
+    SolverError,
     TimeLimit,
 )
 from deltact_fab.sensor import GelMaterial, Indenter, SkinDimensions
@@ -141,20 +143,19 @@ def press_gel(
 
     try:
         with time_limit.within(limit_s):
-            picked = choose(model)
-            refined = refine(picked)
-            linear = model == "auto" and picked.level != FINITE_LEVEL
-            if linear and not (refined.limited or ladder.meets_tolerance(refined.estimate)):
-                linear_press, picked = refined, choose(FINITE_LEVEL)
-                refined = ladder.better(refine(picked), linear_press)
+            for answer in _solve_levels(choose, refine, ladder, model):
+                picked, refined = answer  # the last counts, also when the time ends
     except TimeLimit:
         if refined is None:
             return refuse(
-                f"--limit-s {limit_s:g}: no mesh was solved in that CPU time; increase it"
+                f"--limit-s {limit_s:g}: no mesh was solved in that CPU time (nu "
+                f"{material.poisson:g}, {depth_mm:g} mm deep in {skin.thickness_mm:g} mm); increase "
+                "it"
             )
         refined = replace(refined, limited=True)
     except DeltactFabError as error:
         return refuse(str(error))
+    assert refined is not None, "the last level has answered"
     fine, choice, last = refined.run, refined.run.choice, refined.run.last
     u = last.displacement_mm
     assert u is not None, "the last field is observed"
@@ -183,6 +184,25 @@ def press_gel(
         "flags": [flag.labelled for flag in flags],
     }
     return PressOutcome(result, np.array(tips), forces, *fine.axes_mm, u.astype(np.float64))
+
+
+def _solve_levels(
+    choose: Callable[[GelLevel], Choice], refine: Callable[[Choice], RefinedPress],
+    ladder: MeshConvergence, model: GelLevel,
+) -> Iterator[tuple[Choice, RefinedPress | None]]:  # fmt: skip
+    """Solve on the level picked, and at finite strain if another does not answer well enough."""
+    picked, cheaper = choose(model), None
+    yield picked, None
+    if model == "auto" and picked.level != FINITE_LEVEL:
+        with suppress(SolverError):
+            cheaper = refine(picked)
+            yield picked, cheaper
+            if cheaper.limited or ladder.meets_tolerance(cheaper.estimate):
+                return
+        picked = choose(FINITE_LEVEL)
+        yield picked, cheaper
+    refined = refine(picked)
+    yield picked, refined if cheaper is None else ladder.better(refined, cheaper)
 
 
 def _press_from_table(run: PathSolver, table: RefinedPress, depth_ratio: float) -> RefinedPress:

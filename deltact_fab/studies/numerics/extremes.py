@@ -25,8 +25,8 @@ def draw(cells: Mapping[str, Sequence[Case]], quick: bool, seed: int) -> dict[st
     out: dict[str, list[Case]] = {}
     for name, cases in cells.items():
         count = int(name == only) if quick else math.ceil(SHARE_ANEW * len(cases))
-        chosen = rng.choice(len(cases), count, replace=False) if count else []
-        out[name] = [cases[i] for i in sorted(chosen)]
+        order = rng.permutation(len(cases))
+        out[name] = [cases[i] for i in sorted(order[:count])]
     return out
 
 
