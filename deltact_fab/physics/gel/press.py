@@ -149,8 +149,8 @@ def press_gel(
         if refined is None:
             return refuse(
                 f"--limit-s {limit_s:g}: no mesh was solved in that CPU time (nu "
-                f"{material.poisson:g}, {depth_mm:g} mm deep in {skin.thickness_mm:g} mm); increase "
-                "it"
+                f"{material.poisson:g}, {depth_mm:g} mm deep in {skin.thickness_mm:g} mm); "
+                "increase it"
             )
         refined = replace(refined, limited=True)
     except DeltactFabError as error:

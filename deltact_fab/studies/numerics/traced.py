@@ -105,9 +105,9 @@ class TracedPresses:
         shift = self.interpolate(self.shift[state], xs, ys)
         n = spacing_px // NOISE_NODE_PX  # noise of one draw, whatever the spacing
         white = np.random.default_rng(state).standard_normal((256, 256, 2))
-        wide = cv2.GaussianBlur(white, (0, 0), 1 / (NOISE_NODE_PX * TRACED_VIEW.mm_per_px))
-        wide = wide[: len(ys) * n, : len(xs) * n]
-        noise = np.asarray(wide).reshape(len(ys), n, len(xs), n, 2).mean((1, 3))
+        smooth = cv2.GaussianBlur(white, (0, 0), 1 / (NOISE_NODE_PX * TRACED_VIEW.mm_per_px))
+        smooth = smooth[: len(ys) * n, : len(xs) * n]
+        noise = np.asarray(smooth).reshape(len(ys), n, len(xs), n, 2).mean((1, 3))
         shift = shift + noise * (noise_px * TRACED_VIEW.mm_per_px / max(float(noise.std()), 1e-12))
         return FaceFlow(shift.astype(np.float32), np.ones(shift.shape[:2], bool), xs, ys)
 

@@ -178,7 +178,7 @@ def _track_far(name: str, scratch: Path) -> Work:
 def curves() -> Sequence[CurveSetting]:
     """Methods on image pairs, ray-traced and drawn; trackers through ten frames."""
     default = FlowTracker().method.name
-    drawn = partial(
+    rendered = partial(
         CurveSetting, unit="mm, mean over moving pixels", reference="the field that was drawn",
         reference_error=PictureGeometry.TOLERANCE_PX * VIEW_MM_PER_PX,
     )  # fmt: skip
@@ -190,12 +190,12 @@ def curves() -> Sequence[CurveSetting]:
         for method in FlowMethod.NAMES
     ]  # fmt: skip
     pairs += [
-        drawn(PRESS_CASE, "a pair", method, build=partial(_pair, method),
+        rendered(PRESS_CASE, "a pair", method, build=partial(_pair, method),
               recommended=method == default)
         for method in FlowMethod.NAMES
     ]  # fmt: skip
     return pairs + [
-        drawn(FAR_CASE, name, "ten frames", build=partial(_track_far, name),
+        rendered(FAR_CASE, name, "ten frames", build=partial(_track_far, name),
               recommended=name == default)
         for name in ("fused", "fused/static", "dis-medium", FlowTracker.PAPER)
     ]  # fmt: skip

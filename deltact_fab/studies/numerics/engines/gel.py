@@ -322,7 +322,7 @@ def wide_cells() -> Iterator[ExtremePress]:
                 depth = round(min(0.1 * h, 0.2 * size), 4)
                 press = wide_press(f"{kind}:{size:g}", 0.48, FULL_STICK, h, depth)
                 yield ExtremePress(chart, f"{h:g} mm of gel", f"{size:g} mm", press,
-                                   "thick|mm wide|cells|depth")  # fmt: skip
+                                   "thick|mm wide|cells|deep")  # fmt: skip
 
 
 def _other_cells() -> Iterator[ExtremePress]:
@@ -347,7 +347,7 @@ def _other_cells() -> Iterator[ExtremePress]:
         for pose, options in EXTREME_POSES.items():
             press = replace(base, indenter=shape, depth_mm=1.0, friction=0.5, shear_mm=0.0)
             yield ExtremePress("Shapes and poses: 1 mm deep in 12 mm", shape, pose, press,
-                               "rim|tilt|edge|gel", protrusion_mm=6.0, **options)  # fmt: skip
+                               "rim|tilt|edge|deep in", protrusion_mm=6.0, **options)  # fmt: skip
         for name, (depth, drag) in DEEP_PRESSES.items():
             deep = replace(press, depth_mm=depth, shear_mm=drag)
             yield ExtremePress("Shapes, deep: in 12 mm, friction 0.5", shape, name, deep,
@@ -387,7 +387,7 @@ def _refused(indenter: str, poisson: float, depth_mm: float, scratch: Path) -> f
 def cases(quick: bool) -> Sequence[Case]:
     """Numbers that are none."""
     refused: dict[str, tuple[str, float, float, str]] = {
-        "depth NaN": ("sphere:10", 0.49, math.nan, "finite"),
+        "depth NaN": ("sphere:10", 0.49, math.nan, "expected a depth"),
         "nu 0.5": ("sphere:10", 0.5, 1.0, "poisson"),
         "a ball of 0.3 mm": ("sphere:0.3", 0.49, 0.1, "0.5 to 30"),
         "deeper than the gel": ("sphere:10", 0.49, 13.0, "thick"),
