@@ -127,18 +127,21 @@ def rms_mm(vectors_mm: Field) -> float:
 
 
 def curves() -> Sequence[CurveSetting]:
-    """`gel press` by tolerance, and its linear level by grid, on presses of other solvers."""
+    """`gel press` by tolerance, and its linear level by grid, on presses of other solvers.
+
+    In plane for the first press. Not for flats: the tightest tolerance, which takes minutes.
+    """
     settings = []
-    for truth in load_truths():
-        options: list[dict[str, Any]] = [{"tolerance": t} for t in CURVE_TOLERANCES]
-        if not truth.shear_mm and truth.indenter.startswith("sphere"):
+    for k, truth in enumerate(load_truths()):
+        ball = truth.indenter.startswith("sphere")
+        tolerances = CURVE_TOLERANCES if ball else CURVE_TOLERANCES[:2]
+        options: list[dict[str, Any]] = [{"tolerance": t} for t in tolerances]
+        if ball and not truth.shear_mm:
             options += [{"model": "linear", "spacing_mm": h} for h in (0.5, 0.25)]
         for option in options:
             settings.append(_setting(truth, option, "% of the force", TruePress.force_percent))
-            if truth.radial_mm:
-                settings.append(
-                    _setting(truth, option, "mm rms over the face", TruePress.in_plane_mm)
-                )
+        for option in options if k == 0 else ():
+            settings.append(_setting(truth, option, "mm rms over the face", TruePress.in_plane_mm))
     return settings + _place_settings()
 
 
