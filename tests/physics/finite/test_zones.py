@@ -11,10 +11,11 @@ import pytest
 
 from benchmarks.gel_axisymmetric import Ball, cylinder
 from deltact_fab.common.aliases import Point
+from deltact_fab.common.errors import SolverError
 from deltact_fab.physics.gel.level import GelContact, Reach, State, follow_path
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
-from deltact_fab.physics.gel.zones import contact_share
+from deltact_fab.physics.gel.zones import contact_share, measure_zones
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
@@ -50,6 +51,14 @@ def test_rim_of_a_hertzian_gap(a: float, b: float) -> None:
     found = contact_share(0.2 * beyond**1.5, squares, 1.0, (0.1, 0.1))
     assert found.sum() * 0.01 == pytest.approx(np.pi * a * b, rel=0.02)
     assert abs(squares.sum() * 0.01 / (np.pi * a * b) - 1) > 0.05
+
+
+def test_folded_contact_is_refused() -> None:
+    axis = np.arange(5.0)
+    place = np.stack(np.meshgrid(-axis, axis), axis=-1)  # turned inside out
+    touched = np.ones((5, 5))
+    with pytest.raises(SolverError, match="folded"):
+        measure_zones((axis, axis), place, touched, touched > 0, 1.0, 0.0, (axis, axis))
 
 
 @pytest.mark.slow

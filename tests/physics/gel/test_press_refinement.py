@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -100,6 +101,32 @@ def test_first_mesh_within_tolerance_is_returned() -> None:
     assert found.estimate["force_rel"] == pytest.approx(scatter)
     assert scatter < TOLERANCE < scatter * error_control.MESH_RATIO**SMOOTH_CONTACT.power
     assert not found.limited
+
+
+def test_cells_beyond_second_order_disagree() -> None:
+    def force(h: float, step: float) -> float:  # as of a deep ball: of fourth order
+        return 10 * (1 + 0.02 * h**4 / 4)
+
+    found = ladder(force).refine(chosen(0.0), free=True)
+    off = abs(float(found.force_n[2]) / -10 - 1)
+    assert off <= found.estimate["force_rel"] <= TOLERANCE
+    # The pair with the least scatter alone was off by more than it stated.
+    fine, far = (force(found.run.choice.spacing_mm * r, 0.0) for r in (1.0, 2.25))
+    assert abs((fine + (fine - far) / (2.25**2 - 1)) / 10 - 1) > off
+
+
+def test_cheaper_press_is_given_if_better() -> None:
+    meshes = ladder(lambda h, step: 10.0)
+    found = meshes.refine(chosen(0.0), free=True)
+
+    def stated(force_rel: float, limited: bool = False) -> error_control.RefinedPress:
+        estimate = found.estimate | {"force_rel": force_rel}
+        return replace(found, estimate=estimate, limited=limited)
+
+    assert meshes.better(stated(0.02), stated(0.04)).estimate["force_rel"] == 0.02
+    assert meshes.better(stated(0.029), stated(0.01)).estimate["force_rel"] == 0.029
+    kept = meshes.better(stated(0.11, True), stated(0.032))
+    assert (kept.estimate["force_rel"], kept.limited) == (0.032, True)
 
 
 def test_requested_mesh_is_used() -> None:
