@@ -129,12 +129,13 @@ def rms_mm(vectors_mm: Field) -> float:
 def curves() -> Sequence[CurveSetting]:
     """`gel press` by tolerance, and its linear level by grid, on presses of other solvers.
 
-    In plane for the first press. Not for flats: the tightest tolerance, which takes minutes.
+    In plane for the first press. The tightest tolerance, which takes minutes with friction and
+    under flats, for balls without.
     """
     settings = []
     for k, truth in enumerate(load_truths()):
         ball = truth.indenter.startswith("sphere")
-        tolerances = CURVE_TOLERANCES if ball else CURVE_TOLERANCES[:2]
+        tolerances = CURVE_TOLERANCES[: 3 if ball and not truth.friction else 2]
         options: list[dict[str, Any]] = [{"tolerance": t} for t in tolerances]
         if ball and not truth.shear_mm:
             options += [{"model": "linear", "spacing_mm": h} for h in (0.5, 0.25)]
