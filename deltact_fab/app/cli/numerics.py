@@ -26,8 +26,10 @@ def map_line(result: Any) -> str:
     about = result.meta["map"]
     stale = f"; code changed since: {', '.join(about['stale'])}" if about["stale"] else ""
     n = sum(row["anew"] for row in result.extremes)
-    seed = result.meta["seed"]
-    return f"map of {about['date']}: {words}; {n} cells anew, --seed {seed}{stale}"
+    return (
+        f"map of {about['date']}, simulated: {words}; {n} cells anew, "
+        f"--seed {result.meta['seed']}{stale}"
+    )
 
 
 @click.command(epilog="Example: deltact-fab numerics pattern --quick")
@@ -53,7 +55,9 @@ def numerics(engines: tuple[str, ...], quick: bool, seed: int | None, out: Path 
     asides = []
     curves = columns_of(CURVE_COLUMNS, result.curves)
     anew = [row for row in result.extremes if row["anew"] or row["outcome"] == "wrong"]
-    lines = [*curves, "", *columns_of(CASE_COLUMNS, result.stability + anew), "", map_line(result)]
+    lines = [*curves, "", *columns_of(CASE_COLUMNS, result.stability + anew)]
+    if result.extremes:
+        lines += ["", map_line(result)]
     for row in result.wrong:
         reason = row["note"] or f"{row['figure']} over {row['bound']} {row['unit']}"
         asides.append(f"deltact-fab: wrong: {row['engine']}: {row['case']}: {reason}")

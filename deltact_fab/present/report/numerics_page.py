@@ -50,8 +50,11 @@ def write_numerics_page(data: dict[str, Any], out: Path) -> Path:
                 "counts": Counter(r["outcome"] for r in cases),
             }
         )  # fmt: skip
-    stable = _stability_check(data["stability"] + data["extremes"])
-    return write_page(out, "numerics.html", [stable], engines=engines, meta=data["meta"])
+    checks = [_stability_check(data["stability"] + data["extremes"])]
+    if stale := data["meta"]["map"]["stale"]:
+        text = f"The stored map of {', '.join(stale)} is of other code than the one here."
+        checks.append(Check("map", value=text, status="warn"))
+    return write_page(out, "numerics.html", checks, engines=engines, meta=data["meta"])
 
 
 CELL_STYLES = {
@@ -92,17 +95,19 @@ def extremes_chart(rows: Sequence[dict[str, Any]]) -> Figure:
 
 
 def _stability_check(rows: Sequence[dict[str, Any]]) -> Check:
-    """Verdict on the stiff and extreme cases."""
+    """Verdict on the stiff and extreme cases, stored ones included."""
     wrong, n = [r["case"] for r in rows if r["outcome"] == "wrong"], len(rows)
+    stored = sum(not r.get("anew", True) for r in rows)
     if wrong:
         are = "is" if len(wrong) == 1 else "are"
         text = f"{len(wrong)} of {n} stiff and extreme cases {are} wrong: {'; '.join(wrong)}."
         return Check("cases", value=f"{text} Do not trust results of these engines.", status="fail")
     return Check(
         "cases",
-        value=f"{n}/{n} stiff and extreme cases passed: right within their bounds, flagged, or "
-        "refused. The engines can be trusted within the errors below; one against a finer self "
-        "shows convergence, not accuracy, and is never on the front.",
+        value=f"{n}/{n} stiff and extreme cases passed ({stored} stored, {n - stored} computed for "
+        "this page): right within their bounds, flagged, or refused. The engines can be trusted "
+        "within the errors below; one against a finer self shows convergence, not accuracy, and is "
+        "never on the front.",
     )
 
 

@@ -68,6 +68,9 @@ class PosedTip:
             value = getattr(self, name)
             if not abs(value) <= limit:
                 raise ShapeError(f"|{name}| <= {limit:g}: {value:g} fails")
+        x, y = self.tip.x_mm, self.tip.y_mm
+        if (x, y) != (0.0, 0.0):
+            raise ShapeError(f"a posed tip must be at x = y = 0: {x:g}, {y:g} fails")
 
     @cached_property
     def turn(self) -> NDArray[np.float64]:

@@ -44,6 +44,13 @@ def _shake(image: Image, px: float) -> Image:
     return image if px <= 1 else np.asarray(cv2.blur(image, (int(px), 1)))
 
 
+def _glare(image: Image, radius_px: float) -> Image:
+    """A bright reflection with soft edges, in the middle."""
+    h, w = image.shape[:2]
+    disc = cv2.circle(np.zeros((h, w), np.float32), (w // 2, h // 2), int(radius_px), 400.0, -1)
+    return np.clip(image + cv2.GaussianBlur(disc, (0, 0), 12)[..., None], 0, 255).astype(np.uint8)
+
+
 IMAGE_FAULTS: dict[str, tuple[ImageFault, tuple[float, ...]]] = {
     "noise, grey levels": (_noise, (2, 5, 10, 20, 40, 80)),
     "blur, sigma in px": (
@@ -53,6 +60,7 @@ IMAGE_FAULTS: dict[str, tuple[ImageFault, tuple[float, ...]]] = {
     "light x": (
         lambda image, s: np.clip(image * s, 0, 255).astype(np.uint8), (0.05, 0.1, 0.3, 0.6, 1.5, 3),
     ),
+    "glare, radius in px": (_glare, (10, 20, 40, 80, 160, 320)),
     "hidden share": (_hide, (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)),
 }  # fmt: skip
 """By hand: from what no tracker minds to what none follows."""

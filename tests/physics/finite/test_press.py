@@ -114,6 +114,29 @@ def test_centred_press_is_symmetric_and_balanced():
     assert np.add(s.force_n, s.base_force_n) == pytest.approx(np.zeros(3), abs=1e-5)
 
 
+def test_work_is_stored_as_energy():
+    press = pressing(mesh=ROUGH)
+    states = [press.rest(), *follow_path(press, press.rest(), (0.0, 0.0, 3.0), 0.3)]
+    force = np.array([-s.force_n[2] for s in states])
+    assert len(force) == 11
+    weight = np.array([1, *[4, 2] * 4, 4, 1])  # Simpson's rule
+    end, tip = states[-1].displacement_mm, np.array(states[-1].tip_mm)
+    energy = press.bulk.evaluate(end, False).energy_nmm
+    energy += press.surface.evaluate(end, tip, tangent=False).energy_nmm
+    assert weight @ force * 0.1 == pytest.approx(energy, rel=5e-3)
+
+
+def test_drag_keeps_the_friction_cone():
+    press = pressing(mesh=ROUGH, friction=0.5)
+    down = last(press, press.rest(), (0.0, 0.0, 3.0), 1.5)
+    dragged = last(press, down, (1.0, 0.0, 3.0), 1.5)
+    bound = press.friction * dragged.pressure_mpa
+    shear = np.linalg.norm(dragged.shear_mpa, axis=2)
+    assert (shear - bound).max() < 5e-3 * bound.max()
+    assert shear.max() > 0.5 * bound.max()
+    assert np.add(dragged.force_n, dragged.base_force_n) == pytest.approx(np.zeros(3), abs=1e-5)
+
+
 @pytest.mark.slow
 def test_drag_continues_past_a_fold():
     """Ahead of the indenter the equilibrium ends; a way down the energy finds the next one."""

@@ -19,11 +19,17 @@ from deltact_fab.physics.gel.error_control import (
     WORK_POWER,
     MeshConvergence,
 )
-from deltact_fab.physics.gel.level import Choice, IncrementDiagnostics, Reach, follow_path
+from deltact_fab.physics.gel.level import (
+    FINITE_LEVEL,
+    Choice,
+    IncrementDiagnostics,
+    Reach,
+    follow_path,
+)
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.knots import KnotPose
 from deltact_fab.physics.gel.path.solver import PathSolver
-from deltact_fab.physics.gel.press import PRESS_CHANNELS, press_gel
+from deltact_fab.physics.gel.press import PRESS_CHANNELS, _solve_levels, press_gel
 from deltact_fab.physics.gel.zones import Zones
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
@@ -127,6 +133,25 @@ def test_cheaper_press_is_given_if_better() -> None:
     assert meshes.better(stated(0.029), stated(0.01)).estimate["force_rel"] == 0.029
     kept = meshes.better(stated(0.11, True), stated(0.032))
     assert (kept.estimate["force_rel"], kept.limited) == (0.032, True)
+
+
+def test_finite_strain_answers_where_linear_refuses() -> None:
+    meshes = ladder(lambda h, step: 10.0)
+    found = meshes.refine(chosen(0.0), free=True)
+    levels = {"auto": "linear", FINITE_LEVEL: FINITE_LEVEL, "linear": "linear"}
+
+    def choose(model: Any) -> Choice:
+        return replace(chosen(0.0), level=levels[model])
+
+    def refine(choice: Choice) -> error_control.RefinedPress:
+        if choice.level == "linear":
+            raise SolverError("the contact reaches the edge")
+        return found
+
+    *_, (choice, refined) = _solve_levels(choose, refine, meshes, "auto")
+    assert (choice.level, refined) == (FINITE_LEVEL, found)
+    with pytest.raises(SolverError, match="edge"):
+        list(_solve_levels(choose, refine, meshes, "linear"))
 
 
 def test_requested_mesh_is_used() -> None:

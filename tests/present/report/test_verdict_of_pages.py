@@ -85,7 +85,7 @@ def index(warned: bool, out: Path, warned_run: Callable[[bool], Path]) -> Path:
 def numerics(warned: bool, out: Path, _: Any) -> Path:
     case = {"engine": "a", "case": TOLD, "outcome": "wrong" if warned else "right"}
     meta = {"machine": {"processor": "", "cores": 1}, "quick": True, "seconds": 1.0,
-            "versions": {"deltact-fab": "0"}}  # fmt: skip
+            "versions": {"deltact-fab": "0"}, "map": {"stale": []}}  # fmt: skip
     data = {"engines": [], "curves": [], "stability": [case], "extremes": [], "meta": meta}
     return numerics_page.write_numerics_page(data, out / "numerics.html")
 

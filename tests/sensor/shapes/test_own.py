@@ -13,6 +13,7 @@ from deltact_fab.fabricate.cad.design import load_design
 from deltact_fab.fabricate.cad.registry import find_part
 from deltact_fab.physics.gel.level import is_mirrored
 from deltact_fab.sensor.shapes import indenter
+from deltact_fab.sensor.shapes.bounded import ShapeError
 from deltact_fab.sensor.shapes.own import OwnShape, OwnTip
 from deltact_fab.sensor.shapes.prism import PrismTip
 from deltact_fab.sensor.shapes.rigid import PosedTip
@@ -20,6 +21,11 @@ from deltact_fab.sensor.shapes.tips import EllipsoidTip, RidgeTip, SphereTip
 from deltact_fab.sensor.shapes.turned import TurnedTip
 
 OWN = ("cross", "tilted-edge", "two-axis")
+
+
+def test_posed_tip_starts_in_the_middle() -> None:
+    with pytest.raises(ShapeError, match="x = y = 0"):
+        PosedTip(SphereTip(2.5, 0.0, 4.0), 0.0, 0.0, tilt_y_deg=10.0)
 
 
 def test_turned_ridge_matches_turned_points():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from benchmarks.gel_strangers import stored
 from benchmarks.raytraced import LAWS, Lens, true_motion_mm
 from benchmarks.traced import GEL, IMAGED, SKIN, STATES, FaceSpline
+from deltact_fab.app.cli.numerics import numerics
 from deltact_fab.common.errors import RunFailed
+from deltact_fab.present import write_numerics_page
 from deltact_fab.studies.numerics import extremes, traced
 from deltact_fab.studies.numerics.engine import Case, Flagged, judge
 from deltact_fab.studies.numerics.engines import gel
@@ -107,3 +110,26 @@ def test_traced_flow_has_its_noise() -> None:
     clean, noisy = (presses.flow(4, noise_px=n) for n in (0.0, 0.1))
     off_px = (noisy.shift_mm - clean.shift_mm) / traced.TRACED_VIEW.mm_per_px
     assert off_px.std() == pytest.approx(0.1, rel=0.05)
+
+
+def test_page_warns_of_a_stale_map(tmp_path: Path) -> None:
+    cell = {"engine": "e", "case": "a", "chart": "c", "row": "r", "column": "1", "anew": False,
+            "outcome": "right", "figure": 0.5, "outside": True}  # fmt: skip
+    meta: dict[str, Any] = {"machine": {"processor": "", "cores": 1}, "quick": True, "seconds": 1.0,
+                            "versions": {"deltact-fab": "0"}, "seed": 3}  # fmt: skip
+    engine = {"name": "e", "title": "E", "about": "About."}
+    texts = []
+    for stale in ([], ["e"]):
+        meta["map"] = {"stale": stale, "date": "2026-01-02", "digests": {"e": "f00"}}
+        data = {"engines": [engine], "curves": [], "stability": [], "extremes": [cell],
+                "meta": meta}  # fmt: skip
+        texts.append(write_numerics_page(data, tmp_path / "page.html").read_text())
+    assert "1 stored, 0 computed for this page" in texts[0]
+    words = "The stored map of e is of other code"
+    assert [words in text for text in texts] == [False, True]
+    assert ['class="verdict warn"' in text for text in texts] == [False, True]
+
+
+def test_help_names_every_engine() -> None:
+    assert numerics.help is not None
+    assert [name for name in ENGINE_MODULES if name not in numerics.help] == []

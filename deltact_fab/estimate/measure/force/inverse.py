@@ -104,10 +104,10 @@ class FaceInverse:
     def solve(self, flow: FaceFlow) -> TractionField:
         """Solve the traction behind a frame's flow; the last solution is cached.
 
-        For a modulus of 1 MPa, on cells of the face: 0 outside the contact, t_z <= 0. Raises
-        InputError for a flow coarser than the cells. cover: share
+        For a modulus of 1 MPa, on cells of the face: 0 outside the contact, t_z <= 0. cover: share
         of the pressure on cells whose motion is known (none outside the view); without a contact,
-        known share of the view; 0, without traction, if no press explains the flow.
+        known share of the view; 0, without traction, if no press explains the flow. Raises
+        InputError for a flow coarser than the cells.
         """
         last = self._last
         if last is None or last[0] is not flow:
@@ -173,7 +173,7 @@ class FaceInverse:
         if flow.cell_mm > INVERSE_CELL_MM:
             raise InputError(
                 f"a flow at points {flow.cell_mm:.2g} mm apart; at most {INVERSE_CELL_MM:g} mm, "
-                f"the cells of the inverse"
+                "the cells of the inverse"
             )
         flow = fill_unknown(flow)
         over_x = _overlap_weights(flow.x_mm, self.seen_x_mm)

@@ -1,8 +1,8 @@
 """The flow: error against exact truth and CPU time, on frames that the virtual camera draws.
 
-All frames are simulated (`flow_frames`). Robustness cases: the last frame of a 12 px motion is
-degraded or replaced, as the first frame after the reference and after three intact ones, on two
-patterns with seeds other than those that set the thresholds.
+All frames are simulated: drawn by the virtual camera (`flow_frames`) or ray-traced (`traced`). The
+map degrades the ray-traced image, moves the pattern far, or replaces the last frame (as the first
+after the reference and after three intact ones, on two patterns of other seeds).
 """
 
 from __future__ import annotations

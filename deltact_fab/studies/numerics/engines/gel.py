@@ -234,14 +234,17 @@ DEEP_PRESSES = {"5 mm": (5.0, 0.0), "10 mm": (10.0, 0.0), "5, dragged 3": (5.0, 
 """By hand: depth and drag, mm."""
 LEAST_SIDE_MM = 5.0  # definition: of `SkinDimensions`
 FULL_STICK = 2.0  # definition: a friction coefficient at which nothing slips
-CELL_LIMIT_S = 30.0  # by hand: CPU time of a press; the command's own limit is four times as long
+CELL_LIMIT_S = 15.0  # by hand: CPU time of a press; the command's own limit is eight times as long
 PAIR_BALL_MM = 3.0  # by hand: radius of the tips of a pair
 LARGEST_TOLERANCE = 100 * FORCE_TOLERANCE
 
 
 @dataclass(frozen=True)
 class ExtremePress:
-    """Cell of the map. truth: None without an outside answer. causes: words of a refusal."""
+    """Cell of the map. outside: whether the force of the press is an outside answer.
+
+    causes: words of a refusal, separated by "|". tilt_deg: about y, of a single tip.
+    """
 
     chart: str
     row: str
@@ -350,8 +353,10 @@ def _other_cells() -> Iterator[ExtremePress]:
     for shape in EXTREME_SHAPES:
         for pose, options in EXTREME_POSES.items():
             press = replace(base, indenter=shape, depth_mm=1.0, friction=0.5, shear_mm=0.0)
-            yield ExtremePress("Shapes and poses: 1 mm deep in 12 mm", shape, pose, press,
-                               "rim|tilt|edge|deep in", protrusion_mm=6.0, **options)  # fmt: skip
+            cell = ExtremePress("Shapes and poses: 1 mm deep in 12 mm", shape, pose, press,
+                                "rim|tilt|edge|deep in", protrusion_mm=6.0)  # fmt: skip
+            if "tilt_deg" not in options or len(cell.indenter().tips) == 1:
+                yield replace(cell, **options)
         for name, (depth, drag) in DEEP_PRESSES.items():
             deep = replace(press, depth_mm=depth, shear_mm=drag)
             yield ExtremePress("Shapes, deep: in 12 mm, friction 0.5", shape, name, deep,
