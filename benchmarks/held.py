@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.bench.rig.config import FiniteGelConfig
-from deltact_fab.physics.gel.error_control import _rms_mm as rms_mm
 from deltact_fab.physics.gel.level import Reach
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
+from deltact_fab.studies.numerics.engines.gel import rms_mm
 
 CAPS = (8_000, 16_000, 32_000)  # the first is the rig file's default
 REACH_MM = 10.0  # of the paper's pattern selection: depth, and drags each way

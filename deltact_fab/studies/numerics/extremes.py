@@ -16,6 +16,7 @@ from .engine import Case
 MAP_FILE = "numerics_map.json"
 SHARE_ANEW = 0.1  # by hand: of the cells of an engine
 ENGINES_PACKAGE = "studies.numerics.engines"
+OUT_OF_TIME = "--limit-s"  # definition: in the note of an outcome that a CPU limit decided
 
 
 def draw(cells: Mapping[str, Sequence[Case]], quick: bool, seed: int) -> dict[str, list[Case]]:
@@ -53,7 +54,10 @@ def map_digest(engine: str) -> str:
 def update(
     stored: Sequence[dict[str, Any]], anew: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Stored rows with those computed anew in place; another outcome than stored is wrong."""
+    """Stored rows with those computed anew in place; another outcome than stored is wrong.
+
+    Unless a CPU limit decided one of the two: how far a press gets in it is the machine's.
+    """
     fresh = {(row["engine"], row["case"]): row for row in anew}
     out = []
     for row in stored:
@@ -61,7 +65,8 @@ def update(
         if new is None:
             out.append(row | {"anew": False})
             continue
-        if new["outcome"] != row["outcome"]:
+        timed = any(OUT_OF_TIME in r["note"] for r in (row, new)) and new["outcome"] != "wrong"
+        if new["outcome"] != row["outcome"] and not timed:
             note = f"stored as {row['outcome']}, now {new['outcome']}: {new['note']}"
             new = new | {"outcome": "wrong", "note": note}
         out.append(new | {"anew": True})

@@ -63,6 +63,16 @@ def test_another_outcome_than_stored_is_wrong() -> None:
     assert rows[1]["note"] == "stored as flagged, now right: y"
 
 
+@pytest.mark.parametrize("late", ["stored", "anew"])
+def test_outcome_by_cpu_limit_is_not_compared(late: str) -> None:
+    """How far a press gets in the limit is the machine's; a wrong answer stays wrong."""
+    notes = {"stored": "", "anew": "", late: f"{extremes.OUT_OF_TIME} 15"}
+    stored_row = {"engine": "e", "case": "a", "outcome": "flagged", "note": notes["stored"]}
+    for outcome in ("refused", "right", "wrong"):
+        new = {"engine": "e", "case": "a", "outcome": outcome, "note": notes["anew"]}
+        assert [r["outcome"] for r in extremes.update([stored_row], [new])] == [outcome]
+
+
 def test_flagged_is_told_from_refused(tmp_path: Path) -> None:
     def fail(error: Exception) -> float:
         raise error
@@ -79,8 +89,9 @@ def test_flagged_is_told_from_refused(tmp_path: Path) -> None:
     assert outcome(RunFailed("no disk")) == "wrong"
 
 
-def test_gel_error_over_stated_is_wrong(tmp_path: Path) -> None:
+def test_gel_error_over_stated_is_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A truth that is 10 % elsewhere makes the cell wrong."""
+    monkeypatch.setattr(gel, "CELL_LIMIT_S", 120.0)  # a fresh clone compiles within it
     truth = gel.load_truths()[0]
     force = (0.0, 0.0, 1.1 * truth.force_n[2])
     for press, outcome in ((truth, "right"), (gel.replace(truth, force_n=force), "wrong")):

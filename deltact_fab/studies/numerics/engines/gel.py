@@ -292,7 +292,9 @@ class ExtremePress:
             error = p.force_percent(outcome, self.modulus_mpa)
             note = f"off by {error:.2g} %, {note}, {p.solver}"
         if not result["within_tolerance"]:
-            raise Flagged(f"flagged: not within tolerance; {note}")
+            limited = any(flag.startswith("limit") for flag in result["flags"])
+            reason = f"--limit-s {CELL_LIMIT_S:g}" if limited else "not within tolerance"
+            raise Flagged(f"flagged: {reason}; {note}")
         return (error / (stated + 100 * p.error_rel), note) if self.outside else (stated, note)
 
 
