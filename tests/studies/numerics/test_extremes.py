@@ -64,7 +64,7 @@ def test_another_outcome_than_stored_is_wrong() -> None:
 
 
 @pytest.mark.parametrize("late", ["stored", "anew"])
-def test_outcome_by_cpu_limit_is_not_compared(late: str) -> None:
+def test_outcomes_by_time_are_not_compared(late: str) -> None:
     """How far a press gets in the limit is the machine's; a wrong answer stays wrong."""
     notes = {"stored": "", "anew": "", late: f"{extremes.OUT_OF_TIME} 15"}
     stored_row = {"engine": "e", "case": "a", "outcome": "flagged", "note": notes["stored"]}
