@@ -13,6 +13,7 @@ from deltact_fab.door import open_door
 if TYPE_CHECKING:
     # isort: off
     # fmt: off
+    from .analysis.comparison import Comparison
     from .analysis.flows import open_follower
     from .analysis.force.calibrate import (
         calibrate as calibrate_force, fit_best_model, transfer_calibration,

@@ -1,4 +1,4 @@
-"""`deltact-fab analyze`: errors of the trackers; shape and its errors against truth."""
+"""`deltact-fab analyze`: errors of trackers and of shape; comparison of two sides."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from .group import CommandGroup
-from .options import PATH_TYPE, out_folder
+from .options import PATH_TYPE, Quantity, RepeatedOptions, out_folder
 from .output import Answer, answers, columns_of, files_line, progress, save_figures
 
 
 @click.group(cls=CommandGroup)
 def analyze() -> None:
-    """Analyses of recorded runs: tracking error, shape."""
+    """Analyses of recorded runs: tracking error, shape, comparison."""
 
 
 @analyze.command(epilog="Example: deltact-fab analyze tracking smoke-run --method fused")
@@ -86,3 +86,46 @@ def shape(run: Path, depth: Path | None, force: Path | None, out: Path | None) -
     )
     lines = [f"{result.line}\n", *error_lines, f"\n{note}", files_line(files)]
     return Answer(result.as_dict(), lines)
+
+
+@analyze.command(
+    cls=RepeatedOptions,
+    epilog="Example: deltact-fab analyze compare --a old-* --b new-* --margin 10%",
+)
+@click.option("--a", "a", type=PATH_TYPE, multiple=True, required=True, metavar="RUN",
+              help="Run of side a; repeatable.")  # fmt: skip
+@click.option("--b", "b", type=PATH_TYPE, multiple=True, required=True, metavar="RUN",
+              help="Run of side b; repeatable.")  # fmt: skip
+@click.option("--measure", default="tracking", show_default=True,
+              type=click.Choice(["tracking", "time", "depth", "noise", "force"]),
+              help="What is compared; smaller is better.")  # fmt: skip
+@click.option("--margin", type=Quantity("%", "mm", "ms", "N"), default="10%", metavar="SIZE",
+              show_default=True, help="Sides within it are equal: in %, or as 0.02mm.")  # fmt: skip
+@click.option("--unit", default="sensor", show_default=True,
+              type=click.Choice(["sensor", "gel", "print", "mounting"]),
+              help="What is made anew between units.")  # fmt: skip
+@click.option("--method", metavar="METHOD[/REFERENCE]", show_default="fused",
+              help="Tracker of tracking and time, as of `analyze tracking`.")  # fmt: skip
+@out_folder("Folder for comparison.json.")
+@answers
+def compare(
+    a: tuple[Path, ...], b: tuple[Path, ...], measure: str, margin: tuple[float, str], unit: str,
+    method: str | None, out: Path | None,
+) -> Answer:  # fmt: skip
+    """Difference of two sides of runs, with interval by units, and equality within a margin.
+
+    Each unit is one sensor, by its serial number or as drawn by `run --sensor`; the presses on it
+    are repeats. A run that names no unit is refused. With one unit a side the answer is about these
+    two only. What the reference presses of a run show as drift is taken out.
+    """
+    from deltact_fab.estimate import Comparison, write_results
+
+    with progress("comparison") as report:
+        result = Comparison.from_runs(a, b, measure, margin, unit, method, progress=report)
+    files = write_results(out, {"comparison.json": result.as_dict()}) if out else []
+    lines = [
+        *columns_of(("side", "unit", "figure", "presses"), result.rows),
+        f"\n{result.line}",
+        *(f"note: {note}" for note in result.notes),
+    ]
+    return Answer(result.as_dict(), [*lines, *([files_line(files)] if files else [])])

@@ -91,6 +91,52 @@ class Point(click.ParamType):
         return x, y
 
 
+class RepeatedOptions(click.Command):
+    """Command whose repeatable options take all values behind them, as shells expand them."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, with the option repeated before each of its values."""
+        options = (p for p in self.params if isinstance(p, click.Option) and p.multiple)
+        repeatable = {flag for option in options for flag in option.opts}
+        spread: list[str] = []
+        flag = ""
+        for k, arg in enumerate(args):
+            if arg.startswith("-"):
+                flag = arg if arg in repeatable else ""
+            elif flag and args[k - 1] != flag:
+                spread.append(flag)
+            spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+class Quantity(click.ParamType):
+    """Positive number with one of some units, such as 10% or 0.02mm."""
+
+    name = "quantity"
+
+    def __init__(self, *units: str) -> None:
+        self.units = units
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, str]:
+        """Convert to number and unit; reject any other unit, and 0."""
+        if isinstance(value, tuple):
+            return value
+        text = value.strip()
+        unit = next((u for u in sorted(self.units, key=len, reverse=True) if text.endswith(u)), "")
+        try:
+            number = float(text.removesuffix(unit)) if unit else math.nan
+        except ValueError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            choices = " or ".join(f"0.1{unit}" for unit in self.units)
+            self.fail(
+                f"{value!r}: must be a number above 0 with its unit, as {choices}", param, ctx
+            )
+        return number, unit
+
+
 NAME_OR_PATH = click.Path()
 """Name in the catalogue, or a path."""
 

@@ -101,6 +101,11 @@ class SensorLedger(Table):
         return cls.FOLDER / f"{serial}.toml"
 
     @classmethod
+    def read(cls, serial: str) -> SensorLedger:
+        """Read the ledger of a sensor, empty if there is none. Raises InputError."""
+        return _read_ledger(cls.file(serial))[1] if _SERIAL_FORM.fullmatch(serial) else cls()
+
+    @classmethod
     def create(cls, serial: str) -> Path:
         """Write the file of a new sensor, to be filled in. Raises InputError, RunFailed."""
         with disk_errors(path := cls.file(serial, "--new")):

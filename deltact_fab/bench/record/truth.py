@@ -27,7 +27,7 @@ from deltact_fab.sensor import (
     restore_camera,
 )
 
-from .files import LATTICE_FILE, LENS_FILE, read_record, truth_file
+from .files import LATTICE_FILE, LENS_FILE, SENSOR_FILE, read_record, truth_file
 from .folder import MAX_RUN_FILE_BYTES, UnsafeFile, has_file, open_file
 
 ARRAY_ERRORS = (
@@ -56,6 +56,15 @@ class RunTruth:
     """Camera of the rendering; None: the recorded camera itself."""
     tractions: bool = False
     """True if `traction_mpa` and `face_mm` are stored (protocol channel 'traction')."""
+
+    @property
+    def sensor(self) -> int | None:
+        """Number of the sensor of a population; None for the nominal one, or one equal to it."""
+        if not has_file(self.folder, SENSOR_FILE):
+            return None
+        data = read_record(self.folder, SENSOR_FILE)
+        unlike = [v for v in data.get("deviations", {}).values() if v not in (0.0, 1.0, [0.0, 0.0])]
+        return data.get("number") if unlike else None
 
     file: ClassVar = staticmethod(truth_file)
     """Path of the truth of a press within its run."""
