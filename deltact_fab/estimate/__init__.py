@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .analysis.comparison import Comparison
     from .analysis.flows import open_follower
     from .analysis.force.calibrate import (
-        calibrate as calibrate_force, fit_best_model, transfer_calibration,
+        calibrate as calibrate_force, fit_best_model, transfer_calibration, validate_partly,
     )
     from .analysis.force.dataset import gather_points, measure_force_points
     from .analysis.force.judge import fit_model

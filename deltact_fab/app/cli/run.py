@@ -24,6 +24,12 @@ from .output import Answer, answers, progress
 @click.option("--air", is_flag=True, help="Touch nothing: never go below the clearance plane.")
 @click.option("--unattended", is_flag=True, help="Run without prompts; refuse if one would be "
               "needed.")  # fmt: skip
+@click.option("--until", metavar="GOAL", help="Goal at which the run ends, such as "
+              '"normal 0.1N": rms error of the force.')  # fmt: skip
+@click.option("--extend", type=click.IntRange(1), metavar="N", help="Continue the run in --out, "
+              "which ended by --until, by N presses of its list.")  # fmt: skip
+@click.option("--extends", type=PATH_TYPE, metavar="RUN", help="Earlier run that this one extends "
+              "by more presses; its id is recorded.")  # fmt: skip
 @TIP_IS_CLEAR
 @click.option("--note", metavar="TEXT", help="Note to save with the run.")
 @click.option("--dry-run", is_flag=True,
@@ -31,7 +37,8 @@ from .output import Answer, answers, progress
 @answers
 def run(
     protocol: str, rig_name: str, seed: int, sensor: int | None, out: Path | None, resume: bool,
-    air: bool, unattended: bool, tip_is_clear: bool, note: str | None, dry_run: bool,
+    air: bool, unattended: bool, until: str | None, extend: int | None, extends: Path | None,
+    tip_is_clear: bool, note: str | None, dry_run: bool,
 ) -> Answer:  # fmt: skip
     """Carry out PROTOCOL on a rig and record it in a new folder.
 
@@ -44,6 +51,12 @@ def run(
     the gel. With --unattended there are no prompts: the protocol must have one indenter and the
     face must be located by force.
 
+    With --until, the model of the presses of role "fit" is tested on those of role "validate" after
+    each block of presses: from one reference press to the next, or eight. The run ends as soon as
+    its rms error of normal, shear_x, shear_y (N), torque_x, torque_y or torque_z (Nmm) is below the
+    goal with confidence: of runs whose error is not, at most one in twenty ends as "reached". The
+    tip waits above the face meanwhile, and the guard goes on. Without it, all presses are made.
+
     The first Ctrl-C stops and lifts the tip; the second resets the controller immediately.
     Ctrl-Z or SIGUSR1 pauses the run before its next press, homed as it is, and again continues it;
     so does a [[monitor]] of the rig file while its value is unknown or beyond its limits.
@@ -51,7 +64,10 @@ def run(
     moves nothing and records nothing.
     """
     from deltact_fab.simulate import RunRequest, dry_run_experiment, run_experiment
+    from deltact_fab.studies import GoalLooks
 
+    if resume and extend is not None:
+        raise click.UsageError("--extend continues a finished run, --resume an unfinished one.")
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out': the folder of the new run.")
     if out is not None and not resume:  # a finished run may be read only
@@ -59,14 +75,16 @@ def run(
     with progress("dry run" if dry_run else "run") as report:
         request = RunRequest(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
-            unattended=unattended, tip_is_clear=tip_is_clear, sensor=sensor,
+            unattended=unattended, tip_is_clear=tip_is_clear, sensor=sensor, extends=extends,
         )  # fmt: skip
+        looks = GoalLooks.of_request(request, until, extend, resume)
         if dry_run:
             plan = dry_run_experiment(request)
         else:
             summary = run_experiment(
                 request, resume=resume, note=note,
-                live=lambda state: report(state.frames_done, state.frames_total, state.line())
+                live=lambda state: report(state.frames_done, state.frames_total, state.line()),
+                early_end=looks,
             )  # fmt: skip
     if dry_run:
         text = (
@@ -93,5 +111,8 @@ def _run_lines(summary: dict[str, Any], out: Path | None) -> Iterator[str]:
         f"{'simulated ' if summary['simulated'] else ''}{summary['rig_seconds']:.1f} s in "
         f"{summary['wall_seconds']:.1f} s"
     )
+    if "until" in summary:
+        remark = next(note["text"] for note in summary["remarks"] if note["id"] == "until")
+        yield f"  {remark}; {len(summary['skipped'])} presses and changes skipped"
     yield from (f"  {kind}: {n}" for kind, n in summary["frame_counts"].items())
     yield from (f"  not built: {line}" for line in summary["left_out"])

@@ -47,7 +47,8 @@ class RunVerdict:
     presses, frames: planned; whole_presses: complete, all hashes match; lost_frames: that the
     camera did not deliver, as counted by the run. sound: complete presses and indenter changes by
     name; `--resume` keeps them. open: presses that an unfinished run began but did not complete,
-    with the reason; no damage, `--resume` repeats them. unhashed: metadata that an older version
+    with the reason; no damage, `--resume` repeats them. skipped: presses and changes of indenter
+    before which the run ended; not counted as planned. unhashed: metadata that an older version
     wrote without a hash, in which a changed value may go unnoticed.
     """
 
@@ -63,6 +64,7 @@ class RunVerdict:
     images: int = 0
     sound: list[str] = field(default_factory=list)
     open: dict[str, str] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)
     unhashed: list[str] = field(default_factory=list)
     problems: list[Damage] = field(default_factory=list)
 
@@ -78,11 +80,12 @@ class RunVerdict:
         state = "finished" if self.finished else "unfinished"
         if self.being_written:
             state = "being written now"
+        skipped = f", {len(self.skipped)} presses and changes skipped" if self.skipped else ""
         lost_note = f" ({self.lost_frames} lost by the camera)" if self.lost_frames else ""
         return (
             f"{self.folder}: {condition}, {state}: {self.whole_presses}/{self.presses} presses "
-            f"complete, {self.found_frames}/{self.frames} frames{lost_note}, {self.images} images, "
-            f"format {self.format}"
+            f"complete{skipped}, {self.found_frames}/{self.frames} frames{lost_note}, "
+            f"{self.images} images, format {self.format}"
         )
 
     def rows(self) -> list[tuple[str, str, str]]:
@@ -138,7 +141,8 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
     steps: list[Step] = []
     if not run.imported:
         try:
-            steps = run.planned_steps()
+            verdict.skipped, steps = _skipped(run), run.planned_steps()
+            steps = [step for step in steps if step.press not in verdict.skipped]
         except InputError as error:
             add(Damage("damaged", "protocol.toml", str(error)))
     try:
@@ -155,6 +159,14 @@ def check_run(folder: Path, progress: Progress | None = None) -> RunVerdict:
     if run.imported and not verdict.problems:
         verdict.problems += _count_mismatches(run)
     return verdict
+
+
+def _skipped(run: Run) -> list[str]:
+    """Names of what an early end skipped; none if the summary, damaged, does not tell."""
+    try:
+        return run.skipped
+    except RunFailed:
+        return []
 
 
 def hash_mismatches(run: Run, db: sqlite3.Connection) -> Iterator[Damage]:

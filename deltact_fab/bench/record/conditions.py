@@ -25,10 +25,12 @@ def require_same_conditions(
     protocol: bytes,
     pattern: dict[str, Any],
     truth: dict[str, Any] | None,
+    extending: bool = False,
 ) -> None:
     """Refuse to resume a run whose conditions have changed.
 
-    meta, protocol, pattern, truth: as for `RunWriter.create`. Raises InputError naming the first
+    meta, protocol, pattern, truth: as for `RunWriter.create`. extending: the run has finished, and
+    is to go on. Raises InputError naming the first
     key that differs, with its stored and its current value.
     """
     if run.format != RUN_FORMAT:
@@ -44,7 +46,7 @@ def require_same_conditions(
     # User input first, derived values after.
     parts = ("protocol", "seed", "rig", "--sensor", "sensor", "pattern", *current, *stored)
     for part in dict.fromkeys(parts):
-        if part == "versions" and run.finished:
+        if part == "versions" and run.finished and not extending:
             continue
         difference = _first_difference(stored.get(part), current.get(part), part)
         if difference is not None:

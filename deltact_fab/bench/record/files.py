@@ -158,6 +158,8 @@ class _RunFile(TypedDict, total=False):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     versions: dict[str, str]
     imported: _Imported
+    until: dict[str, Any]
+    extends: str
 
 
 class _PatternFile(TypedDict, total=False):
@@ -178,6 +180,8 @@ class _SummaryFile(TypedDict, total=False):
     frame_counts: dict[str, int]
     sessions: int
     kept_frames: int
+    skipped: list[str]
+    until: dict[str, Any]
     redone: dict[str, str]
     rig_seconds: Number
     wall_seconds: Number

@@ -20,6 +20,7 @@ from deltact_fab.common import (
     Note,
     RunFailed,
     disk_errors,
+    parse_json,
     read_toml,
     validate,
 )
@@ -113,8 +114,16 @@ class Run:
             return "being written now"
         return "finished" if self.finished else "unfinished"
 
+    @property
+    def skipped(self) -> list[str]:
+        """Presses and changes of indenter that were not made, as the run ended before them."""
+        return list(self.summary().get("skipped", ()))
+
     def planned_steps(self) -> list[Step]:
-        """Steps planned by the run's protocol. Raises InputError if protocol.toml is unusable."""
+        """Steps planned by the run's protocol, also those skipped by an early end.
+
+        Raises InputError if protocol.toml is unusable.
+        """
         path = self.folder / "protocol.toml"
         declared = read_toml(path)
         if declared.pop("presses", None) is not None:  # the list is in the record
@@ -218,8 +227,22 @@ class Run:
         return self._table("steps", press)
 
     def press_roles(self) -> dict[str, str]:
-        """Role of each planned press: "fit", "validate" or "reference"; empty if not recorded."""
-        return {press["name"]: press["role"] for press in self.meta.get("presses", [])}
+        """Role of each press that is planned and not skipped; empty if not recorded.
+
+        "fit", "validate" or "reference".
+        """
+        rows, skipped = self.meta.get("presses", []), self.skipped
+        return {press["name"]: press["role"] for press in rows if press["name"] not in skipped}
+
+    def decisions(self) -> list[dict[str, Any]]:
+        """Decisions to end the run or to go on, in order. Raises RunFailed for a damaged one."""
+        with self.reader() as db:
+            query = "SELECT text FROM events WHERE kind = 'decision' ORDER BY seq"
+            texts = [text for (text,) in db.execute(query)]
+        try:
+            return [parse_json(text, f"{self.folder}/journal.sqlite") for text in texts]
+        except InputError as error:
+            raise RunFailed(str(error)) from error
 
     def press_rows(self) -> dict[str, list[tuple[Any, ...]]]:
         """Rows of the presses by table, without clocks, to compare two runs."""

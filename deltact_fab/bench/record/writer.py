@@ -71,6 +71,8 @@ class RunWriter:
         """Incomplete or damaged presses, with the reason for repeating them."""
         self.missed = 0
         """Frames missing from finished steps, over all sessions."""
+        self.skipped: tuple[str, ...] = ()
+        """Presses and changes of indenter that were not made, as the run ended before them."""
         self.session = 1
         self.image_format = image_format
         self.failed: Callable[[RunFailed], None] = lambda error: None

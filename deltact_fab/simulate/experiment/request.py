@@ -15,12 +15,14 @@ from deltact_fab.bench import (
     RigConfig,
     RigKind,
     RigSetup,
+    Run,
     RunEstimate,
     Step,
     check_limits,
     expand_protocol,
     load_protocol,
     load_rig,
+    open_run,
 )
 from deltact_fab.common import Check, InputError, MissingLibrary, Note, Progress, graded
 from deltact_fab.fabricate import Design, PatternRecipe, load_design, load_recipe
@@ -54,6 +56,8 @@ class RunRequest:
     """Confirmed by the operator after the position was lost."""
     sensor: int | None = None
     """Number of the sensor that is drawn from the virtual rig's population; None: the nominal."""
+    extends: Path | None = None
+    """Run that this one extends by more presses on the same sensor."""
 
     protocol: Protocol = field(init=False)
     source: Path = field(init=False)
@@ -71,6 +75,8 @@ class RunRequest:
             raise InputError(f"--sensor: {self.sensor}; expected 0 or more")
         self.protocol, self.source = load_protocol(self.protocol_name, by_hand=True)
         self.rig, self.rig_path = load_rig(self.rig_name)
+        if self.extends is not None:
+            self._require_same_specimen(open_run(self.extends))
         self.design = load_design(self.protocol.specimen.design)
         descent_feed = math.inf if self.rig.simulated else self.rig.stage.descent_feed_mm_min
         self.steps = expand_protocol(self.protocol, self.air, descent_feed)
@@ -81,6 +87,14 @@ class RunRequest:
                     raise InputError(
                         f"--{option}: not available with weights, which are laid on by hand"
                     )
+
+    def _require_same_specimen(self, run: Run) -> None:
+        """Raise InputError if the run to extend has another specimen."""
+        first, now = run.meta["protocol"]["specimen"], self.protocol.specimen
+        for key in ("serial", "design", "pattern"):
+            if (old := first.get(key)) != (new := getattr(now, key)):
+                text = f"specimen.{key}: {old!r}, but {new!r} in {self.source}"
+                raise InputError(f"--extends: {run.folder}: {text}")
 
     @cached_property
     def recipe(self) -> PatternRecipe:

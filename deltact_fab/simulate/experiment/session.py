@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from deltact_fab.bench import (
     RigConfig,
@@ -39,12 +39,32 @@ AIR_RUN = Note(
 )
 
 
+class EarlyEnd(Protocol):
+    """Rule by which a run ends before its protocol does.
+
+    meta: kept in `run.json`. extending: a finished run goes on.
+    """
+
+    meta: dict[str, Any]
+    extending: bool
+
+    def __call__(self, made: Sequence[str]) -> tuple[bool, str]:
+        """Decide by the names of the complete presses, see `carry_out_steps`."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the decisions, for the run's summary."""
+
+    def remark(self) -> Note:
+        """Return the last decision in a line."""
+
+
 def run_experiment(
     request: RunRequest,
     *,
     resume: bool = False,
     note: str | None = None,
     live: Callable[[RunProgress], None] | None = None,
+    early_end: EarlyEnd | None = None,
 ) -> dict[str, Any]:
     """Check everything, run every step, return the summary.
 
@@ -52,7 +72,8 @@ def run_experiment(
     finished one is verified (every hash) and left as it is, and its summary comes with
     "already_finished" true. The run is added to the ledger of its sensor; "ledger" has what that
     leaves to tell. The summary's times, counts, notes and devices are those of the last
-    session. note: kept with the run. live: shown what goes on. Raises InputError or RunFailed.
+    session. note: kept with the run. live: shown what goes on. early_end: may end the run; the
+    presses and changes before which it ends are "skipped". Raises InputError or RunFailed.
     """
     started = time.monotonic()
     remark = None if note is None else RunNote(note)
@@ -61,14 +82,22 @@ def run_experiment(
     text = request.source.read_bytes()
     meta = run_metadata(job, rig, request.rig_name)
     pattern, truth = request.recipe.as_record(), request.kind.truth(protocol, request.design)
-    resuming = out.exists() and resume
+    extending = early_end is not None and early_end.extending
+    resuming = out.exists() and (resume or extending)
+    if early_end is not None:
+        meta["until"] = early_end.meta
+    if request.extends is not None:
+        meta["extends"] = open_run(request.extends).id
     if resuming:
         recorded = open_run(out)
-        require_same_conditions(recorded, meta, text, pattern, truth)
+        if "extends" in recorded.meta:  # named once, when it began
+            meta.setdefault("extends", recorded.meta["extends"])
+        require_same_conditions(recorded, meta, text, pattern, truth, extending)
         if recorded.finished and note is not None:
             raise InputError(f"--note: {out} has finished; `deltact-fab record note` adds to it")
         if recorded.finished:
             check_run(out, request.progress).require_intact()
+        if recorded.finished and not extending:
             ledger = SensorLedger.add_event("run", [out])
             return {**recorded.summary(), "already_finished": True, "ledger": ledger}
     else:
@@ -76,6 +105,7 @@ def run_experiment(
     warnings = request.require()
     if resuming:
         writer = RunWriter.resume(out, steps, request.progress)
+        (out / "summary.json").unlink(missing_ok=True)  # of a finished run, which goes on
     else:
         flat = request.kind.flat(protocol)
         writer = RunWriter.create(out, meta, text, pattern, steps, flat, truth)
@@ -84,20 +114,25 @@ def run_experiment(
             remark.add_to(out)
         ledger = SensorLedger.add_event("run", [out])  # now, as a run may be killed
         with closing(request.kind.build(job, request.progress)) as bench:
-            counts, rig_seconds = carry_out_steps(bench, steps, writer, request.progress, live)
+            counts, rig_seconds = carry_out_steps(
+                bench, steps, writer, request.progress, live, early_end
+            )
             kept_frames = sum(step.frames for step in steps if step.press in writer.kept_presses)
             remarks = [*bench.notes(), *warnings, *_resumed(writer.session, kept_frames)]
             remarks += [Note("ledger", line, warns=True) for line in ledger]
+            if early_end is not None:
+                remarks.insert(0, early_end.remark())
             if request.air:
                 remarks.insert(0, AIR_RUN)
+            made = [step for step in steps if step.press not in writer.skipped]
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
                 "simulated": meta["simulated"],
                 "air": request.air,
                 "seed": request.seed,
-                "steps": len(steps),
-                "frames": sum(step.frames for step in steps) - writer.missed,
+                "steps": len(made),
+                "frames": sum(step.frames for step in made) - writer.missed,
                 "missed_frames": writer.missed,
                 "frame_counts": counts,
                 "sessions": writer.session,
@@ -110,6 +145,8 @@ def run_experiment(
                 "remarks": [asdict(note) for note in remarks],
                 "devices": bench.identity(),
             }  # fmt: skip
+            if early_end is not None:
+                summary |= {"skipped": list(writer.skipped), "until": early_end.summary()}
         writer.close(summary)
     finally:
         writer.abandon()  # no more than `close` has done

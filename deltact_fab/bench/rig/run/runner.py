@@ -11,8 +11,10 @@ and the rig homed.
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -40,12 +42,20 @@ _CLEAR_LINE = b"\r\x1b[2K"  # of a progress bar
 RESUME_HINT = "complete presses are kept: continue with --resume"
 PRIOR_PLAN_S = 10.0  # by hand: weight of the plan before any step was timed
 GEL_STEP_MM = 0.5  # overhead of a simulated step, as path; measured (commit 34b20c4b)
+QUICK_ANSWER_S = 0.05  # by hand: of a decision that needs no pause
+
+EndDecision = Callable[[Sequence[str]], tuple[bool, str]]
+"""Decision if a run ends before its plan does, by the names of its complete presses.
+
+Returns True to end it, and a text for the journal, empty for none. Called between two presses and
+after the last, in a thread of its own if the rig is open."""
 
 
 class Runner:
     """One run of one protocol: connect, home, then the remaining steps in order.
 
-    progress: called with frames done, total and step. live: called with a RunProgress.
+    progress: called with frames done, total and step. live: called with a RunProgress. decide: see
+    `EndDecision`.
     """
 
     def __init__(
@@ -54,11 +64,13 @@ class Runner:
         writer: RunWriter,
         progress: Progress | None = None,
         live: Callable[[RunProgress], None] | None = None,
+        decide: EndDecision | None = None,
     ) -> None:
         self._d = devices
         self._writer = writer
         self._progress = progress or (lambda n_done, total, step: None)
         self._live = live
+        self._decide = decide
         kind = ThreadedSchedule if devices.wall_clock else Schedule
         self._streams: Schedule = kind(devices, writer, self._report)
         self._stage = devices.stage
@@ -80,11 +92,15 @@ class Runner:
         self._remaining = RemainingTime(steps, todo, self._d.wall_clock, self._d.change_s)
         with interruptible(self._stage.abort, self._toggle_pause):
             try:
+                # Of an earlier session: its end may be decided, and then nothing moves.
+                if self._ends(steps, todo[0] if todo else len(steps), waiting=False):
+                    todo = []
                 self._set_up([steps[i] for i in todo])
                 previous = -1
                 for i in todo:
                     last = i + 1 == len(steps) or steps[i + 1].press != steps[i].press
-                    self._run_step(steps, i, i != previous + 1, last, lift_to_mm)
+                    if self._run_step(steps, i, i != previous + 1, last, lift_to_mm):
+                        break
                     previous = i
                 self._writer.flush()
             finally:
@@ -123,12 +139,17 @@ class Runner:
 
     def _run_step(
         self, steps: Sequence[Step], i: int, take_up: bool, last: bool, lift_to_mm: float
-    ) -> None:
-        """Run one step; on a failure lift the tip and journal the reason."""
+    ) -> bool:
+        """Run one step; True if the run ends before it, or after the last one.
+
+        On a failure lift the tip and journal the reason.
+        """
         step = steps[i]
         try:
             try:
                 if steps[i - 1].press != step.press or not i:
+                    if self._ends(steps, i):
+                        return True
                     self._pause(step.press)
                 if take_up:
                     self._resume_at(steps, i)
@@ -138,6 +159,7 @@ class Runner:
                 raise
             assert self._remaining is not None
             self._remaining.finished(i)
+            return i + 1 == len(steps) and self._ends(steps, i + 1)
         except BaseException as error:
             # The tip may be in the gel: lift it after any error.
             lifted = self._lift(lift_to_mm)
@@ -156,6 +178,43 @@ class Runner:
         self._pausing = not self._pausing
         if self._pausing:
             write_from_handler(_CLEAR_LINE, _PAUSE_WORDS)
+
+    def _ends(self, steps: Sequence[Step], i: int, waiting: bool = True) -> bool:
+        """Decide if the run ends before a step; journal the decision. Nothing moves meanwhile.
+
+        waiting: with the rig open; stage and guard are watched as in a pause.
+        """
+        if self._decide is None:
+            return False
+        decide, answer = self._decide, Future[tuple[bool, str]]()
+        made = list(dict.fromkeys(s.press for s in steps[:i] if s.kind != "change"))
+
+        def work() -> None:
+            try:
+                answer.set_result(decide(made))
+            except BaseException as error:
+                answer.set_exception(error)
+
+        if waiting:
+            since_s = time.monotonic()
+            self._paused = f"estimate after {len(made)} presses"
+            # A daemon, as a stop must not wait for it.
+            threading.Thread(target=work, name="decision", daemon=True).start()
+            while wait([answer], QUICK_ANSWER_S).not_done:
+                self._streams.wait_paused()
+            self._paused = ""
+            assert self._remaining is not None
+            self._remaining.leave_out(time.monotonic() - since_s)
+        else:
+            work()
+        ends, text = answer.result()
+        if text:
+            self._streams.event("decision", text)
+            self._writer.flush()  # a kill from here on repeats no decision
+        if ends:
+            left = dict.fromkeys(step.press for step in steps[i:])
+            self._writer.skipped = tuple(left)
+        return ends
 
     def _pause(self, press: str) -> None:
         """Wait before a press while the operator or a monitor asks for it; nothing moves."""
@@ -349,15 +408,17 @@ def carry_out_steps(
     writer: RunWriter,
     progress: Progress | None = None,
     live: Callable[[RunProgress], None] | None = None,
+    decide: EndDecision | None = None,
 ) -> tuple[dict[str, int], float]:
     """Carry out steps with the stage, or with weights placed by hand, and record them.
 
-    live: called with the progress. Returns counts of frames late or lost, and the rig's seconds.
-    Raises RunFailed and its subclasses.
+    live: called with the progress. decide: see `EndDecision`; not with weights.
+    Returns counts of frames late or lost, and the rig's seconds. Raises RunFailed and its
+    subclasses.
     """
     start_s, counts = bench.clock.now_s(), dict[str, int]()
     if isinstance(bench, Devices):
-        runner = Runner(bench, writer, progress, live)
+        runner = Runner(bench, writer, progress, live, decide)
         runner.run(steps)
         counts = runner.counts()
     else:

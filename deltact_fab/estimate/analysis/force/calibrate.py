@@ -22,18 +22,28 @@ from ...measure.force.inverse import Inverse
 from ...measure.force.model import WRENCH_AXES, Features, ForceModel
 from ...measure.sensor_id import SensorModel
 from ..runs import fitted_rows, has_rests, head_of, in_pixels, settled_rows, view_of_run
-from .dataset import TIME_STRETCHES, ForceData, gather_data, open_force_runs, presses
+from .dataset import (
+    TIME_STRETCHES,
+    ForceData,
+    gather_data,
+    gather_points,
+    measure_force_points,
+    open_force_runs,
+    presses,
+)
 from .gel import fit_unrelaxed, identify_gel
 from .judge import (
     CV_FOLDS,
     calibrated_errors,
     cross_validate,
     evaluate_features,
+    fit_force,
     force_error_n,
     learning_curve,
     predict_left_out,
     ranking_error_n,
     validate,
+    validation_squares,
 )
 from .reference import reference_change
 from .result import PAPER_CONDITIONS, ForceResult, unfitted_lines
@@ -88,6 +98,27 @@ def calibrate(
     notes = [*result.notes, *_run_notes(runs, tables)]
     reference = reference_change(runs)
     return replace(result, gel=gel, unrelaxed=unrelaxed, notes=notes, reference=reference)
+
+
+def validate_partly(run: Run, made: Sequence[str]) -> dict[str, list[float]]:
+    """Fit a model to presses of a run that goes on, and test it on those to validate.
+
+    made: names of its complete presses. The feature set is the house's best, with the gel of the
+    design: errors choose nothing. Returns mean square errors as `validation_squares` does. Raises
+    InputError for too few points.
+    """
+    view, roles, source = view_of_run(run), run.press_roles(), "points"
+    presses = [press for press in made if roles[press] != "reference"]
+    parts = [
+        measure_force_points(run, run.folder.name, press, (Inverse.name,), view)
+        for press in presses
+    ]
+    data = gather_points(parts, (Inverse.name,), view, source)
+    fitted = data.of_role("fit")
+    _require_enough(data.sets[Inverse.name], len(fitted), source)
+    if unrelaxed := fit_unrelaxed(fitted):
+        data = unrelaxed.relaxed_wrenches(data)
+    return validation_squares(fit_force(data.of_role("fit"), Inverse.name), data)
 
 
 def fit_best_model(

@@ -93,7 +93,10 @@ class ForceData:
 
     def of_role(self, role: str) -> ForceData:
         """Points of the presses of a role."""
-        rows = self.has_role(role)
+        return self.select(self.has_role(role))
+
+    def select(self, rows: Array) -> ForceData:
+        """Points of a mask (n,)."""
         return replace(
             self,
             points=self.points[rows].reset_index(drop=True),

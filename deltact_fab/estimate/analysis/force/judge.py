@@ -304,16 +304,39 @@ def error_interval(errors: Array, points: pd.DataFrame, split: str) -> Interval 
         return None
     columns = ("position", "indenter") if split == "unseen" else (split,)
     groups = {c: points[c] for c in columns if c != "point" and points[c].nunique() > 1}
-    groups = groups or {"distinct press": points["indenter"] + " " + points["position"]}
+    groups = groups or {"distinct press": _distinct_presses(points)}
     return _widest(
         Interval.rmse(errors.ravel(), np.tile(g, len(errors)), n) for n, g in groups.items()
     )
 
 
+def _distinct_presses(points: pd.DataFrame) -> pd.Series[str]:
+    """Label of the indenter and position of each point: errors of one label are correlated."""
+    return points["indenter"] + " " + points["position"]
+
+
 def validate(model: ForceModel, data: ForceData) -> dict[str, Interval]:
     """Errors of a model by component on presses to validate, which nothing was fitted to."""
-    data = data.of_role("validate")
-    residual = model.predict(data.features[model.features]) - data.wrench
-    errors = {name: force_component(residual, name)[None] for name in WRENCH_LABELS}
+    errors, data = _validation_errors(model, data)
     intervals = {name: error_interval(e, data.points, "point") for name, e in errors.items()}
     return {name: interval for name, interval in intervals.items() if interval}
+
+
+def validation_squares(model: ForceModel, data: ForceData) -> dict[str, list[float]]:
+    """Mean square errors by component, N^2 or N^2 mm^2, of each distinct press to validate."""
+    errors, data = _validation_errors(model, data)
+    places = _distinct_presses(data.points)
+    return {
+        name: pd.Series(e[0] ** 2).groupby(places.to_numpy(), sort=False).mean().tolist()
+        for name, e in errors.items()
+    }
+
+
+def _validation_errors(model: ForceModel, data: ForceData) -> tuple[dict[str, Array], ForceData]:
+    """Errors (1, n) of a model by component on the points of presses to validate; the points.
+
+    Frames at rest are left out: without contact there is no error to speak of.
+    """
+    data = data.select(data.has_role("validate") & ~data.points["frame_id"].str.contains("/rest#"))
+    residual = model.predict(data.features[model.features]) - data.wrench
+    return {name: force_component(residual, name)[None] for name in WRENCH_LABELS}, data

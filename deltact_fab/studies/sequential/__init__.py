@@ -1,0 +1,1 @@
+"""Runs that end when their presses to validate show a goal."""
