@@ -48,7 +48,7 @@ class EarlyEnd(Protocol):
     meta: dict[str, Any]
     extending: bool
 
-    def __call__(self, made: Sequence[str]) -> tuple[bool, str]:
+    def __call__(self, complete: Sequence[str]) -> tuple[bool, str]:
         """Decide by the names of the complete presses, see `carry_out_steps`."""
 
     def summary(self) -> dict[str, Any]:
@@ -124,15 +124,15 @@ def run_experiment(
                 remarks.insert(0, early_end.remark())
             if request.air:
                 remarks.insert(0, AIR_RUN)
-            made = [step for step in steps if step.press not in writer.skipped]
+            steps = [step for step in steps if step.press not in writer.skipped]
             summary = {
                 "protocol": protocol.name,
                 "rig": request.rig_name,
                 "simulated": meta["simulated"],
                 "air": request.air,
                 "seed": request.seed,
-                "steps": len(made),
-                "frames": sum(step.frames for step in made) - writer.missed,
+                "steps": len(steps),
+                "frames": sum(step.frames for step in steps) - writer.missed,
                 "missed_frames": writer.missed,
                 "frame_counts": counts,
                 "sessions": writer.session,

@@ -6,7 +6,6 @@ a look reads the unfinished record, never its truth.
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from deltact_fab.simulate import RunRequest
 
 _LOG = logging.getLogger(__name__)
+_FURTHER_HINT = "go on with a second protocol, `run PROTOCOL --extends {}`"
 
 
 class GoalLook(Table):
@@ -101,23 +101,23 @@ class GoalLooks:
         goal.require_shown_by(request.protocol, str(request.source))
         return cls(request.protocol, goal, request.out, recorded, extend)
 
-    def __call__(self, made: Sequence[str]) -> tuple[bool, str]:
+    def __call__(self, complete: Sequence[str]) -> tuple[bool, str]:
         """Decide if the run ends after these presses; with the text for the journal."""
-        n, text = len(made), ""
+        n, text = len(complete), ""
         if self._extension is not None:
             text, self._extension = self._extension.model_dump_json(), None
             return False, text
         look = next((look for look in self.looks if look.presses == n), None)
         if look is None and n in (self._due if self._end is None else [self._end]):
-            look = self._look(made)
+            look = self._look(complete)
             self.looks.append(look)
             text = look.model_dump_json()
             _LOG.warning("%s", self.line(look))
         return look is not None and (look.reached if self._end is None else n >= self._end), text
 
-    def _look(self, made: Sequence[str]) -> GoalLook:
+    def _look(self, complete: Sequence[str]) -> GoalLook:
         """Fit to the presses so far, validate and decide."""
-        places, planned = count_places(self._presses[: len(made)]), count_places(self._presses)
+        places, planned = count_places(self._presses[: len(complete)]), count_places(self._presses)
         spent = max((look.spent for look in self.looks), default=0)
         level, squares, reason = 0.0, list[float](), ""
         if places == spent:
@@ -126,7 +126,7 @@ class GoalLooks:
             from deltact_fab.estimate import validate_partly
 
             try:
-                squares = validate_partly(open_run(self._folder), made)[self.goal.component]
+                squares = validate_partly(open_run(self._folder), complete)[self.goal.component]
             except InputError as error:
                 reason = str(error)
         rms = bound = None
@@ -136,9 +136,9 @@ class GoalLooks:
         elif not reason:
             reason = f"{len(squares)} places to validate, {MIN_LOOK_PLACES} needed"
         return GoalLook(
-            presses=len(made), goal=self.goal.limit, places=len(squares), spent=spent, level=level,
-            rms=rms, bound=bound, reached=bound is not None and bound < self.goal.limit,
-            reason=reason,
+            presses=len(complete), goal=self.goal.limit, places=len(squares), spent=spent,
+            level=level, rms=rms, bound=bound,
+            reached=bound is not None and bound < self.goal.limit, reason=reason,
         )  # fmt: skip
 
     def line(self, look: GoalLook) -> str:
@@ -153,44 +153,37 @@ class GoalLooks:
             f"validation places; {goal} {state}"
         )
 
-    @property
-    def decisive(self) -> GoalLook | None:
-        """The first look that reached the goal, else the last one."""
-        return next((look for look in self.looks if look.reached), None) or (
-            self.looks[-1] if self.looks else None
-        )
-
     def summary(self) -> dict[str, Any]:
         """Goal, result and looks."""
-        look = self.decisive
-        looks = [json.loads(look.model_dump_json()) for look in self.looks]
-        return {**self.meta, "reached": look is not None and look.reached, "looks": looks}
+        looks = [look.model_dump(mode="json") for look in self.looks]
+        return {**self.meta, "reached": any(look.reached for look in self.looks), "looks": looks}
 
     def remark(self) -> Note:
         """The result, and what to do where the list has ended without it."""
-        look = self.decisive
-        if look is None:
+        if not self.looks:
             return Note("until", f"{self.goal.component}: not looked at")
+        look, reached = self.looks[-1], next((it for it in self.looks if it.reached), None)
         text = self.line(look).removesuffix(" yet")
-        if not look.reached and look.presses == len(self._presses):
-            text += f"; its list has ended: {_FURTHER.format(self._folder)}"
+        if reached is not None and not look.reached:
+            text += f"; it was reached after {reached.presses} presses"
+        elif not look.reached and look.presses == len(self._presses):
+            text += f"; its list has ended: {_FURTHER_HINT.format(self._folder)}"
         return Note("until", text)
-
-
-_FURTHER = "go on with a second protocol, `run PROTOCOL --extends {}`"
 
 
 def _require_extendable(run: Run, extend: int) -> None:
     """Raise InputError unless a run can go on by a number of presses."""
-    made, planned = run.count_presses()
+    complete, planned = run.count_presses()
     reason = ""
     if "until" not in run.meta:
         reason = "it has no goal of --until"
     elif not run.finished:
         reason = "it has not finished; continue with --resume"
-    elif made == planned:
-        reason = f"all {planned} presses of its list are made; {_FURTHER.format(run.folder)}"
-    elif made + extend > planned:
-        reason = f"its list has {planned - made} presses more; give --extend {planned - made}"
+    elif complete == planned:
+        reason = f"all {planned} presses of its list are made; {_FURTHER_HINT.format(run.folder)}"
+    elif complete + extend > planned:
+        reason = (
+            f"its list has {planned - complete} presses more; give --extend {planned - complete}"
+        )
     if reason:
         raise InputError(f"{run.folder}: cannot be extended by {extend} presses: {reason}")

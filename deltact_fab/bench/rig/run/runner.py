@@ -187,17 +187,17 @@ class Runner:
         if self._decide is None:
             return False
         decide, answer = self._decide, Future[tuple[bool, str]]()
-        made = list(dict.fromkeys(s.press for s in steps[:i] if s.kind != "change"))
+        presses = list(dict.fromkeys(s.press for s in steps[:i] if s.kind != "change"))
 
         def work() -> None:
             try:
-                answer.set_result(decide(made))
+                answer.set_result(decide(presses))
             except BaseException as error:
                 answer.set_exception(error)
 
         if waiting:
             since_s = time.monotonic()
-            self._paused = f"estimate after {len(made)} presses"
+            self._paused = f"estimate after {len(presses)} presses"
             # A daemon, as a stop must not wait for it.
             threading.Thread(target=work, name="decision", daemon=True).start()
             while wait([answer], QUICK_ANSWER_S).not_done:
@@ -212,8 +212,7 @@ class Runner:
             self._streams.event("decision", text)
             self._writer.flush()  # a kill from here on repeats no decision
         if ends:
-            left = dict.fromkeys(step.press for step in steps[i:])
-            self._writer.skipped = tuple(left)
+            self._writer.skipped = tuple(dict.fromkeys(step.press for step in steps[i:]))
         return ends
 
     def _pause(self, press: str) -> None:

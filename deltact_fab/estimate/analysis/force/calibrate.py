@@ -100,15 +100,15 @@ def calibrate(
     return replace(result, gel=gel, unrelaxed=unrelaxed, notes=notes, reference=reference)
 
 
-def validate_partly(run: Run, made: Sequence[str]) -> dict[str, list[float]]:
+def validate_partly(run: Run, complete: Sequence[str]) -> dict[str, list[float]]:
     """Fit a model to presses of a run that goes on, and test it on those to validate.
 
-    made: names of its complete presses. The feature set is the house's best, with the gel of the
-    design: errors choose nothing. Returns mean square errors as `validation_squares` does. Raises
-    InputError for too few points.
+    complete: names of its complete presses. The feature set is the inverse of the face,
+    with the gel of the design: errors choose nothing. Returns mean square errors as
+    `validation_squares` does. Raises InputError for too few points.
     """
     view, roles, source = view_of_run(run), run.press_roles(), "points"
-    presses = [press for press in made if roles[press] != "reference"]
+    presses = [press for press in complete if roles[press] != "reference"]
     parts = [
         measure_force_points(run, run.folder.name, press, (Inverse.name,), view)
         for press in presses
