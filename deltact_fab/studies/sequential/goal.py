@@ -107,12 +107,12 @@ def planned_looks(protocol: Protocol) -> list[int]:
     A block is the presses from one reference press to the next, or BLOCK_PRESSES; a reference press
     after it belongs to it.
     """
-    every = protocol.reference.every if protocol.reference else BLOCK_PRESSES
+    size = protocol.reference.every if protocol.reference else BLOCK_PRESSES
     presses, looks, in_block = protocol.list_presses(), [], 0
     for n, press in enumerate(presses, start=1):
         in_block += press.role != "reference"
         following = presses[n].role if n < len(presses) else "end"
-        if following == "end" or (in_block >= every and following != "reference"):
+        if following == "end" or (in_block >= size and following != "reference"):
             looks.append(n)
             in_block = 0
     return looks

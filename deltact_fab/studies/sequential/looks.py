@@ -162,7 +162,7 @@ class GoalLooks:
         """The result, and what to do where the list has ended without it."""
         if not self.looks:
             return Note("until", f"{self.goal.component}: not looked at")
-        look, reached = self.looks[-1], next((it for it in self.looks if it.reached), None)
+        look, reached = self.looks[-1], next((e for e in self.looks if e.reached), None)
         text = self.line(look).removesuffix(" yet")
         if reached is not None and not look.reached:
             text += f"; it was reached after {reached.presses} presses"
