@@ -77,7 +77,7 @@ def run(
             protocol, rig_name, out or Path(), 0 if dry_run else seed, report, air,
             unattended=unattended, tip_is_clear=tip_is_clear, sensor=sensor, extends=extends,
         )  # fmt: skip
-        looks = GoalLooks.of_request(request, until, extend, resume)
+        looks = GoalLooks.of_request(request, until, extend, resume and not dry_run)
         if dry_run:
             plan = dry_run_experiment(request)
         else:

@@ -144,6 +144,12 @@ class _PressRow(TypedDict, total=False):
     role: PressRole
 
 
+class _Until(TypedDict):
+    component: str
+    goal: Positive
+    unit: str
+
+
 class _RunFile(TypedDict, total=False):
     name: str
     protocol: _Protocol
@@ -158,7 +164,7 @@ class _RunFile(TypedDict, total=False):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     versions: dict[str, str]
     imported: _Imported
-    until: dict[str, Any]
+    until: _Until
     extends: str
 
 
