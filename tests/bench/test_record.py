@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from deltact_fab.bench.protocols.plan import Step
+from deltact_fab.bench.record.journal import open_journal
 from deltact_fab.bench.record.run import open_run
 from deltact_fab.bench.record.streams import Chunk
 from deltact_fab.bench.record.writer import RunWriter
@@ -201,3 +204,11 @@ def test_faults_of_a_folder_are_named(tmp_path: Path) -> None:
     (tmp_path / "r" / "journal.sqlite").write_bytes(b"not a database" * 100)
     with pytest.raises(RunFailed, match="journal cannot be read"):
         opened.frames()
+
+
+def test_log_that_vanishes_stops_no_reader(mini_run: Path, tmp_path: Path) -> None:
+    """A reader that closes removes the logs between their listing and a look at their size."""
+    run = shutil.copytree(mini_run, tmp_path / "run")
+    (run / "journal.sqlite-gone").symlink_to(tmp_path / "nowhere")
+    with closing(open_journal(run, "ro")) as db:
+        assert db.execute("SELECT count(*) FROM steps").fetchone()[0] > 0

@@ -134,7 +134,10 @@ def open_journal(folder: Path, mode: str, **options: Any) -> sqlite3.Connection:
     rollback = f"{path.name}-journal"
     if has_file(folder, rollback) and read_file(folder, rollback).endswith(_SUPER_JOURNAL_MARK):
         raise UnsafeFile(f"{path}-journal: names a file to be deleted; no run writes that")
-    size = sum(file.stat().st_size for file in folder.glob("journal.sqlite*"))
+    size = 0
+    for file in folder.glob("journal.sqlite*"):
+        with suppress(FileNotFoundError):  # a log that another process, a reader, just removed
+            size += file.stat().st_size
     db = sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True, **options)
     try:
         db.execute("PRAGMA trusted_schema=OFF")

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 OVERALL_LEVEL = 0.05  # by hand: one run in twenty that ends too early at most
 FREEDOM_SHARE = 2 / 3
-"""Of kurtosis 4: more than 3, as errors grow with depth; decision 0089 has the measured error rates."""
+"""Of kurtosis 4: more than 3, as errors grow with depth; error rates: decision 0089."""
 MIN_LOOK_PLACES = 4  # decision 0038: fewer groups have no interval
 
 
