@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .analysis.tracking_error.follow import (
         Follower, TrackingPlan, analyse_press, analyse_tracking,
     )
-    from .analysis.tracking_error.result import TrackingResult, format_percent
+    from .analysis.tracking_error.result import TrackingResult
     from .analysis.tracking_error.tally import ErrorTally, PatternDots, TrueFrame
     from .measure.face import FaceFlow
     from .measure.flow.renewed import FlowMethod

@@ -18,7 +18,6 @@ from deltact_fab.estimate import (
     RunMeasurement,
     ShapeResult,
     TrackingResult,
-    format_percent,
 )
 
 from . import figures, run_figures
@@ -241,7 +240,7 @@ def _settings(run: Run) -> pd.DataFrame:
 
 
 def _percent(value: float | None) -> str:
-    return "" if value is None else format_percent(value).replace(" ", "\u00a0")
+    return "" if value is None else TrackingResult.format_percent(value).replace(" ", "\u00a0")
 
 
 def _picture(run: Run, frames: pd.DataFrame, press: DeepestPress | None = None) -> Any:

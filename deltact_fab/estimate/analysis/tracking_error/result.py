@@ -152,6 +152,7 @@ class TrackingResult:
     PAPER_BEST_MM: ClassVar = 0.08
     """Pattern Selection: d = 0.075, r = 0.6, real sensor, at the dots."""
     WRONG_MM: ClassVar = WRONG_FLOW_MM
+    format_percent: ClassVar = staticmethod(format_percent)
     RULE: ClassVar = (
         f"A method is reliable if at least {format_percent(MIN_TRUSTED)} of frames are trusted, "
         f"at least {format_percent(MIN_CONFIDENT)} of the moving pattern (without truth: of the "
