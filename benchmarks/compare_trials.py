@@ -19,15 +19,13 @@ import numpy as np
 
 from deltact_fab.common import read_json, whole_file
 from deltact_fab.estimate.analysis.difference import UnitDifference, chance_of_difference
-from deltact_fab.estimate.analysis.press_figures import MEASURES, press_figures
+from deltact_fab.estimate.analysis.press_figures import COMPARED_MEASURES, press_figures
 from deltact_fab.simulate import RunRequest, run_experiment
 
 POOL_FILE = Path(__file__).with_name("compare_pool.json")
 SENSORS, TRIALS, UNITS = 60, 200, 5
 POOL_MEASURES = ("tracking", "depth", "noise", "force")  # time is the machine's, not the sensor's
-PLANTED_SPREADS = (
-    2.0  # difference, in standard deviations between sensors
-)
+PLANTED_SPREADS = 2.0  # difference, in standard deviations between sensors
 PROTOCOL = """
 name = "compared"
 channels = ["image", "force", "shear"]
@@ -76,7 +74,7 @@ def measure_pool(folder: Path, rig: Path) -> dict[str, list[float]]:
             run_experiment(request, resume=True)
         for name, values in figures.items():
             presses = press_figures(out, name, "fused")
-            values.append(MEASURES[name].over_presses(presses.values()))
+            values.append(COMPARED_MEASURES[name].over_presses(presses.values()))
         print(number, {name: values[-1] for name, values in figures.items()}, flush=True)
     return figures
 

@@ -16,7 +16,7 @@ from deltact_fab.common import InputError, Progress, run_each
 from ..measure.flow.renewed import FUSED_METHOD
 from .difference import MAX_UNITS, UnitDifference
 from .intervals import MIN_GROUPS
-from .press_figures import MEASURES, Measure, PressFigures, press_figures, stored_figures
+from .press_figures import COMPARED_MEASURES, Measure, PressFigures, press_figures, stored_figures
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,15 @@ class Comparison:
     ) -> Self:  # fmt: skip
         """Compare the runs of two sides.
 
-        measure: of MEASURES. margin: within which the sides count as equal, in % or in the
+        measure: of COMPARED_MEASURES. margin: within which the sides count as equal, in % or in the
         measure's unit. unit: "sensor", "gel", "print" or "mounting". method: of the tracker, for
         tracking and time. Raises InputError for a run that names no unit or lacks what the measure
         needs, and as `UnitDifference.from_units` does.
         """
-        chosen, (size, of) = MEASURES[measure], margin
-        if of not in ("%", chosen.unit):
-            raise InputError(f"--margin {size:g}{of}: {measure} is in {chosen.unit}; or use %")
+        chosen, (size, margin_unit) = COMPARED_MEASURES[measure], margin
+        if margin_unit not in ("%", chosen.unit):
+            text = f"{measure} is in {chosen.unit}; or use %"
+            raise InputError(f"--margin {size:g}{margin_unit}: {text}")
         sides = [[open_run(folder) for folder in folders] for folders in (a, b)]
         runs = [run for side in sides for run in side]
         places = [run.folder.resolve() for run in runs]
@@ -68,11 +69,11 @@ class Comparison:
             raise InputError(f"{twice[0]}: twice; give each run once")
         names = {run.folder: unit_name(run, unit) for run in runs}
         method = method or FUSED_METHOD
-        read = partial(press_figures, measure=measure, method=method)
+        analyse = partial(press_figures, measure=measure, method=method)
         figures = {folder: stored_figures(folder, measure, method) for folder in names}
-        left = [folder for folder, stored in figures.items() if stored is None]
-        parts = run_each(read, left, [str(folder) for folder in left], executor, progress)
-        figures |= zip(left, parts, strict=True)
+        new = [folder for folder, stored in figures.items() if stored is None]
+        parts = run_each(analyse, new, [str(folder) for folder in new], executor, progress)
+        figures |= zip(new, parts, strict=True)
         first, second = (
             _side(label, side, names, figures, chosen)
             for label, side in zip(_labels(sides), sides, strict=True)
@@ -84,7 +85,7 @@ class Comparison:
                 f"one {unit} a side: the answer is about {', '.join((*first.units, *second.units))}"
                 " only"
             )
-        relative = of == "%"
+        relative = margin_unit == "%"
         return cls(
             chosen, first, second, UnitDifference.from_units(*compared, relative),
             math.log1p(size / 100) if relative else size, noun, tuple(notes),
@@ -114,8 +115,9 @@ class Comparison:
         needed = self.difference.units_needed(self.margin)
         if needed is None:
             return f"{MAX_UNITS} {plural} a side would not decide"
-        more = max(needed - min(self.difference.counts), 1)
-        return f"{more} {plural if more > 1 else self.noun} more a side would, were this the truth"
+        extra = max(needed - min(self.difference.counts), 1)
+        noun = plural if extra > 1 else self.noun
+        return f"{extra} {noun} more a side would, were this the truth"
 
     def _show(self, value: float) -> str:
         """Format a difference, one of logarithms as a percentage."""

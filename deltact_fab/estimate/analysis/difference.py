@@ -20,7 +20,7 @@ import numpy as np
 
 from deltact_fab.common import InputError
 
-LEVEL = 0.95  # definition: of the interval of a difference
+DIFFERENCE_LEVEL = 0.95  # definition: of the interval of a difference
 EQUIVALENCE_LEVEL = 0.9  # definition: of the interval of two one-sided tests at 5 %
 DECISION_CHANCE = 0.8  # by hand: the usual power of a planned comparison
 MAX_UNITS = 1000  # by hand: nobody makes more sensors to compare two kinds
@@ -80,7 +80,7 @@ class UnitDifference:
         n, m = self.counts
         return self.standard_error * math.sqrt(n if self.paired else 1 / (1 / n + 1 / m))
 
-    def interval(self, level: float = LEVEL) -> tuple[float, float]:
+    def interval(self, level: float = DIFFERENCE_LEVEL) -> tuple[float, float]:
         """Interval of the difference by Student's t."""
         from scipy.special import stdtrit
 
@@ -123,7 +123,7 @@ class UnitDifference:
 
 
 def chance_of_difference(effect: float, spread: float, units: int, *, paired: bool) -> float:
-    """Power of the t test at LEVEL for a true difference. units: a side; spread: between units."""
+    """Power of the t test for a true difference. units: a side; spread: between units."""
     from scipy.special import nctdtr, stdtrit
 
     if units < 2:
@@ -131,8 +131,8 @@ def chance_of_difference(effect: float, spread: float, units: int, *, paired: bo
     if spread == 0:
         return float(effect != 0)
     freedom, error = _design(spread, units, paired)
-    critical, shift = float(stdtrit(freedom, (1 + LEVEL) / 2)), abs(effect) / error
-    below, above = nctdtr(freedom, shift, [-critical, critical])
+    critical = float(stdtrit(freedom, (1 + DIFFERENCE_LEVEL) / 2))
+    below, above = nctdtr(freedom, abs(effect) / error, [-critical, critical])
     return float(1 - np.nan_to_num(above) + np.nan_to_num(below))  # nan: far out in a tail
 
 

@@ -36,13 +36,13 @@ PressFigures = dict[str, float]
 class Measure:
     """Figure of a press that sides are compared by, small if good.
 
-    read: figures of a run's presses, by a tracking method. power: of the mean over presses; 2 for
-    a root mean square.
+    analyse: figures of a run's presses, by a tracking method. power: of the mean over presses, 2
+    for a root mean square.
     """
 
     meaning: str
     unit: str
-    read: Callable[[Run, Sequence[str], str], PressFigures]
+    analyse: Callable[[Run, Sequence[str], str], PressFigures]
     power: int = 1
 
     def over_presses(self, figures: Iterable[float]) -> float:
@@ -50,12 +50,12 @@ class Measure:
         return float(np.mean(np.power([*figures], self.power)) ** (1 / self.power))
 
 
-_STORE = Store("compared")
+_FIGURE_STORE = Store("compared")
 
 
 def stored_figures(folder: Path, measure: str, method: str) -> PressFigures | None:
     """Result of `press_figures` in the cache; None if it is not there."""
-    figures: PressFigures | None = _STORE.read(_key(open_run(folder), measure, method))
+    figures: PressFigures | None = _FIGURE_STORE.read(_key(open_run(folder), measure, method))
     return figures
 
 
@@ -65,10 +65,10 @@ def press_figures(folder: Path, measure: str, method: str) -> PressFigures:
     Raises InputError, naming the run, without the images, truth or force that the measure needs.
     """
     run = open_run(folder)
-    figures = MEASURES[measure].read(run, _presses(run), method)
+    figures = COMPARED_MEASURES[measure].analyse(run, _presses(run), method)
     if not figures:
         raise InputError(f"{folder}: no press to compare by {measure}")
-    _STORE.write(_key(run, measure, method), figures)
+    _FIGURE_STORE.write(_key(run, measure, method), figures)
     return figures
 
 
@@ -109,10 +109,10 @@ def _noise(run: Run, presses: Sequence[str], method: str) -> PressFigures:
     """Flow from the rest before a press to the rest before the next, over sqrt(2)."""
     images = [run.image(str(run.frames(press)["file"].iloc[0])) for press in presses]
     figures = {}
-    for press, before, after in zip(presses[1:], images, images[1:], strict=False):
+    for press, first, second in zip(presses[1:], images, images[1:], strict=False):
         follow = open_follower(run)
-        follow(before)
-        residual_mm = fit_rigid_motion(follow(after))[2]
+        follow(first)
+        residual_mm = fit_rigid_motion(follow(second))[2]
         figures[press] = float(np.sqrt((residual_mm**2).sum(axis=1).mean() / 2))
     return _without_change(run, figures)
 
@@ -120,8 +120,8 @@ def _noise(run: Run, presses: Sequence[str], method: str) -> PressFigures:
 def force_data(run: Run, correct: bool = True) -> ForceData:
     """Gather the points of a run, without the change of the force that its references show."""
     open_force_runs([run.folder])
-    with ThreadPoolExecutor(1) as here:  # runs are shared among processes already
-        data = gather_data([run], (Inverse.name,), here)
+    with ThreadPoolExecutor(1) as executor:  # runs are shared among processes already
+        data = gather_data([run], (Inverse.name,), executor)
     if correct:
         gains = _changes(run, reference_change([run]))
         factors = data.points["press"].str.partition("/")[2].map(gains).to_numpy(float)
@@ -166,7 +166,7 @@ def _changes(run: Run, change: Interval | None) -> dict[str, float]:
     }
 
 
-MEASURES = {
+COMPARED_MEASURES = {  # definition: of what is compared, by name
     "tracking": Measure("endpoint error of the flow by truth, else at the dots", "mm", _tracking),
     "time": Measure(
         "CPU time of the tracker for a frame", "ms", partial(_tracking, figure="ms_per_frame")

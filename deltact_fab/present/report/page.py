@@ -13,12 +13,7 @@ import pandas as pd
 
 from deltact_fab.bench import Run, encode_png, open_run
 from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
-from deltact_fab.estimate import (
-    DeepestPress,
-    RunMeasurement,
-    ShapeResult,
-    TrackingResult,
-)
+from deltact_fab.estimate import DeepestPress, RunMeasurement, ShapeResult, TrackingResult
 
 from . import figures, run_figures
 

@@ -100,7 +100,7 @@ def test_nominal_sensor_is_no_unit(mini_run: Path, tmp_path: Path) -> None:
 
 def test_choices_are_those_of_analysis() -> None:
     (choice,) = (p.type for p in compare.params if p.name == "measure")
-    assert [*choice.choices] == [*figures.MEASURES]  # type: ignore[attr-defined]
+    assert [*choice.choices] == [*figures.COMPARED_MEASURES]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,7 @@ def test_each_measure_has_figures(measure: str, runs: Runs) -> None:
 
 
 @pytest.mark.slow
-def test_one_unit_a_side_answers_for_two(runs: Runs) -> None:
+def test_single_units_answer_for_themselves(runs: Runs) -> None:
     found = compared([runs[0]], [runs[1]], measure="noise")
     assert found.noun == "press"
     assert found.difference.paired
@@ -161,7 +161,7 @@ def test_real_runs_need_serial_and_truth(lab: Lab) -> None:
 
 
 @pytest.mark.slow
-def test_runs_of_one_sensor_are_one_unit(lab: Lab) -> None:
+def test_runs_of_a_sensor_are_pooled(lab: Lab) -> None:
     sides = [[lab(0, "A1"), lab(2, "A1")], [lab(1, "B1"), lab(3, "B2")]]
     with pytest.raises(InputError, match="1 and 2 units"):
         compared(*sides, measure="noise")
@@ -197,7 +197,7 @@ def test_order_of_real_runs_is_noted(lab: Lab) -> None:
 
 
 @pytest.mark.slow
-def test_reference_presses_take_drift_out(runs: Runs) -> None:
+def test_references_take_drift_out(runs: Runs) -> None:
     """Figures that grow by 30 % over the run become equal; an uncertain change stays."""
     run = open_run(runs[0])
     shares = figures.press_shares(run)
@@ -210,7 +210,7 @@ def test_reference_presses_take_drift_out(runs: Runs) -> None:
 
 
 @pytest.mark.slow
-def test_gain_of_force_sensor_is_taken_out(runs: Runs, tmp_path: Path) -> None:
+def test_drift_of_force_is_taken_out(runs: Runs, tmp_path: Path) -> None:
     """A sensor that loses gain in the run measures the forces of one that does not."""
     drifting = record(tmp_path / "drift", 0, "[virtual.drift]\nforce_gain_per_h = -24.0\n")
     steady_n, as_is_n, corrected_n = (
