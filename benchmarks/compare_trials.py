@@ -19,7 +19,11 @@ import numpy as np
 
 from deltact_fab.common import read_json, whole_file
 from deltact_fab.estimate.analysis.difference import UnitDifference, chance_of_difference
-from deltact_fab.estimate.analysis.press_figures import COMPARED_MEASURES, press_figures
+from deltact_fab.estimate.analysis.press_figures import (
+    COMPARED_MEASURES,
+    press_figures,
+    stored_figures,
+)
 from deltact_fab.simulate import RunRequest, run_experiment
 
 POOL_FILE = Path(__file__).with_name("compare_pool.json")
@@ -73,7 +77,7 @@ def measure_pool(folder: Path, rig: Path) -> dict[str, list[float]]:
             request = RunRequest(str(protocol), str(population), out, number, sensor=number)
             run_experiment(request, resume=True)
         for name, values in figures.items():
-            presses = press_figures(out, name, "fused")
+            presses = stored_figures(out, name, "fused") or press_figures(out, name, "fused")
             values.append(COMPARED_MEASURES[name].over_presses(presses.values()))
         print(number, {name: values[-1] for name, values in figures.items()}, flush=True)
     return figures
