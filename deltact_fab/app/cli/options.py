@@ -7,9 +7,10 @@ instead of text; all other messages go to stderr.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 
@@ -89,6 +90,37 @@ class Point(click.ParamType):
         if not math.isfinite(x + y):
             self.fail(f"{value!r}: must be two finite numbers", param, ctx)
         return x, y
+
+
+class Quantity(click.ParamType):
+    """Positive number with a unit, such as 8N, 90min or 15%; converted to a base unit."""
+
+    name = "quantity"
+    FACTORS: ClassVar[dict[str, dict[str, float]]] = {
+        "N": {"N": 1, "mN": 1e-3},
+        "s": {"s": 1, "min": 60, "h": 3600},
+        "mm": {"mm": 1, "um": 1e-3},
+        "1": {"%": 0.01},
+    }
+    """Factors by unit, by base unit; all by definition."""
+
+    def __init__(self, base: str) -> None:
+        self.factors = self.FACTORS[base]
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number in the base unit; reject a missing or another unit."""
+        if isinstance(value, float):
+            return value
+        text = re.sub(r"\s*([a-zA-Z]+|%)\s*$", "", value)
+        factor = self.factors.get(value.removeprefix(text).strip(), math.nan)
+        try:
+            number = float(text) * factor
+        except ValueError:
+            number = math.nan
+        if not 0 < number < math.inf:
+            units = " or ".join(self.factors)
+            self.fail(f"{value!r}: must be a positive number with {units}", param, ctx)
+        return number
 
 
 NAME_OR_PATH = click.Path()

@@ -292,6 +292,29 @@ class ReferencePress(Table):
     """Depth below the resting face."""
 
 
+class Promise(Table):
+    """Prediction of a plan, written by `protocol plan`: what a run of it is compared with."""
+
+    measure: str = Field(examples=["normal force"], max_length=100)
+    """Quantity whose error is predicted."""
+    unit: str = Field(examples=["N"], max_length=16)
+    """Unit of the figures."""
+    goal: Annotated[float, Field(gt=0, le=1e6)] = Field(examples=[0.1])
+    """Largest rms error that is wanted."""
+    error: Annotated[float, Field(ge=0, le=1e6)] = Field(examples=[0.07])
+    """Predicted rms error of the presses to validate."""
+    interval: tuple[float, float] = Field(examples=[[0.05, 0.11]])
+    """Interval of the predicted error, 95 %."""
+    chance: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.86])
+    """Predicted chance to meet the goal."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the plan."""
+    rests_on: tuple[str, ...] = ()
+    """Figures that the prediction rests on, and their sources."""
+    digest: str = Field(default="", pattern=r"^([0-9a-f]{12})?$")
+    """Digest of the planned protocol; another one after a change."""
+
+
 def read_presses(file: Path) -> list[dict[str, Any]]:
     """Read a CSV file of presses, one per row; its columns are the keys of `PressEntry`.
 

@@ -94,7 +94,9 @@ class LinearGel:
             tip.reach_mm, tip.equator_mm - _DEPTH_STEP_MM,
         )  # fmt: skip
         depths = np.arange(1, math.floor(deepest_mm / _DEPTH_STEP_MM + 1e-9) + 1) * _DEPTH_STEP_MM
-        forces = -self.wrenches(indenter, [(0.0, 0.0, 0.0), *((0.0, 0.0, -d) for d in depths)])[:, 2]
+        forces = -self.wrenches(indenter, [(0.0, 0.0, 0.0), *((0.0, 0.0, -d) for d in depths)])[
+            :, 2
+        ]
         depth_mm = float(np.interp(range_n, [0.0, *forces], [0.0, *depths]))
         if depth_mm * DEPTH_LEVELS[0] < _MIN_DEPTH_MM:
             least_n = float(np.interp(_MIN_DEPTH_MM / DEPTH_LEVELS[0], depths, forces))

@@ -193,5 +193,3 @@ def _sample(likelihood: _Likelihood, rng: np.random.Generator) -> Array:
     log_weight = np.array([-minus_log(p) for p in proposals]) - log_proposal
     weight = np.exp(log_weight - log_weight.max())
     return np.asarray(proposals[rng.choice(_PROPOSALS, COMPONENT_DRAWS, p=weight / weight.sum())])
-
-

@@ -121,7 +121,9 @@ class Exchange:
         for _ in range(MAX_PASSES):
             before = best
             for position, index in enumerate(design):
-                gram, squares, by_place, by_tip = self.sums(design[:position] + design[position + 1 :])
+                gram, squares, by_place, by_tip = self.sums(
+                    design[:position] + design[position + 1 :]
+                )
                 options = np.flatnonzero(self.levels == self.levels[index])
                 load, places = self._load[options], self.places[options]
                 grouped = _outer(by_place).sum(axis=0) - _outer(by_place[places])
