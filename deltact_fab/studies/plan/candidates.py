@@ -1,11 +1,12 @@
 """Candidate presses for a force calibration, and the features that a linear gel gives for them.
 
-Places are space-filling (Sobol) in a quarter of the reach and mirrored into the others: the solver
-presses mirror images once. A press goes to one depth and is dragged once, short of slipping.
+Places are space-filling (Sobol) in a quarter of the reach; a press that is chosen is mirrored into
+one of the quarters, as mirror images have the same features but for signs. A press goes to one depth and is dragged once, short of slipping.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,8 @@ DEPTH_LEVELS = (0.4, 0.6, 0.8, 1.0)
 and never show where the gel stiffens; each level gets as many presses as the others."""
 SLIP_FACTOR = 1.5  # x friction x depth slips fully (Mindlin, as `Shear.amplitude_of_depth`)
 DRAG_SHARES = (0.3, 0.45, 0.6)  # of what slips; by hand: from clear of the noise to short of slip
-FIT_PLACES, VALIDATION_PLACES = 16, 16  # in a quarter of the face; by hand: 64 to fit
+FIT_PLACES, VALIDATION_PLACES = 16, 16  # by hand: more take a second of solving for each depth
+QUADRANTS = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # definition: signs of x and y
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # definition: directions that never repeat
 _DEPTH_STEP_MM = 0.05  # by hand: of the search for the depth of the largest force
 _MIN_DEPTH_MM = 0.1  # by hand: a shallower press is mostly roughness
@@ -44,6 +46,13 @@ class Candidate:
     depth_mm: float
     drag_mm: Point2
     level: int
+
+    def mirrored(self, quadrant: int) -> Candidate:
+        """Mirror into one of the four quadrants; 0 leaves the press where it is."""
+        sign_x, sign_y = QUADRANTS[quadrant % len(QUADRANTS)]
+        (x, y), (dx, dy) = self.at_mm, self.drag_mm
+        place, drag = (sign_x * x + 0.0, sign_y * y + 0.0), (sign_x * dx + 0.0, sign_y * dy + 0.0)
+        return replace(self, at_mm=place, drag_mm=drag)
 
     def as_dict(self) -> dict[str, float | str]:
         """Return the keys of a protocol's [[press]]."""
@@ -112,7 +121,7 @@ def spread_candidates(
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Spread candidates over tips, places and depths: those to fit, and others to validate.
 
-    The places of both differ, mirror images included. Raises InputError for a tip without room.
+    All are in one quadrant; their places differ. Raises InputError for a tip without room.
     """
     deepest = {tip: gel.largest_depth_mm(tip, range_n) for tip in tips}
     friction = gel.material.friction
@@ -121,18 +130,15 @@ def spread_candidates(
     folded = qmc.Sobol(2, seed=np.random.default_rng(seed)).random(count) * reach_mm
     parts: list[list[Candidate]] = [[], []]
     for k, place in enumerate(np.round(folded, 1)):
-        for sign in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
-            for tip in tips:
-                for level, share in enumerate(DEPTH_LEVELS):
-                    part = parts[k >= FIT_PLACES]
-                    depth_mm = round(share * deepest[tip], 2)
-                    # One direction for a place's mirror images, so that they stay images.
-                    angle = _GOLDEN_ANGLE * (k * len(DEPTH_LEVELS) + level)
-                    drag_mm = DRAG_SHARES[(k + level) % len(DRAG_SHARES)]
-                    drag_mm *= SLIP_FACTOR * friction * depth_mm
-                    way = np.round(drag_mm * np.array([math.cos(angle), math.sin(angle)]), 2)
-                    (x, y), (dx, dy) = (place * sign + 0.0).tolist(), (way * sign + 0.0).tolist()
-                    part.append(Candidate(tip, (x, y), depth_mm, (dx, dy), level))
+        x, y = place.tolist()
+        for tip, (level, share) in itertools.product(tips, enumerate(DEPTH_LEVELS)):
+            depth_mm = round(share * deepest[tip], 2)
+            angle = _GOLDEN_ANGLE * (k * len(DEPTH_LEVELS) + level)
+            drag_mm = (
+                DRAG_SHARES[(k + level) % len(DRAG_SHARES)] * SLIP_FACTOR * friction * depth_mm
+            )
+            way = round(drag_mm * math.cos(angle), 2), round(drag_mm * math.sin(angle), 2)
+            parts[k >= FIT_PLACES].append(Candidate(tip, (x, y), depth_mm, way, level))
     return parts[0], parts[1]
 
 

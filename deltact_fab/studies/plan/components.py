@@ -11,7 +11,6 @@ many groups outweigh it, one group leaves it as it is, which counts as assumed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -53,8 +52,10 @@ class ForcePoints:
         normal_n = result.wrench_component("normal")
         rows = normal_n > LIGHT_SHARE * normal_n.max()
         points = data.points[rows]
-        places = points.groupby(["x_mm", "y_mm"], sort=False).ngroup().to_numpy()
-        tips = np.unique(points["indenter"], return_inverse=True)[1]
+        # Mirror images are one place, as in cross-validation.
+        places, tips = (
+            np.unique(points[name], return_inverse=True)[1] for name in ("position", "indenter")
+        )
         if places.max() + 1 < MIN_PILOT_PLACES:
             use = use[:1]
         return cls(-data.features[FORCE_MODEL][rows][:, use], normal_n[rows], places, tips)
@@ -177,10 +178,11 @@ def _sample(likelihood: _Likelihood, rng: np.random.Generator) -> Array:
 
     mode = optimize.minimize(minus_log, centre, method="Nelder-Mead").x
     unit = _LOG_STEP * np.eye(3)
-    hessian = np.array([
-        [sum(s * t * minus_log(mode + s * a + t * b) for s in (1, -1) for t in (1, -1)) for b in unit]
-        for a in unit
-    ]) / (4 * _LOG_STEP**2)  # fmt: skip
+    signs = [(s, t) for s in (1, -1) for t in (1, -1)]
+    curvature = [
+        [sum(s * t * minus_log(mode + s * a + t * b) for s, t in signs) for b in unit] for a in unit
+    ]
+    hessian = np.array(curvature) / (4 * _LOG_STEP**2)
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     # No direction is surer than its curvature says, nor less sure than twice the prior.
     root = vectors / np.sqrt(np.maximum(values, 0.25 / math.log(PRIOR_FACTOR) ** 2))

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from deltact_fab.common import Array
-from deltact_fab.estimate import make_features
+from deltact_fab.estimate import SensorModel, make_features
 
 from .components import FORCE_MODEL
 
@@ -35,7 +35,7 @@ def force_regressors(features: Array) -> tuple[Array, float]:
 
     features (m, 2, 9): of the press and of its drag's end, in N.
     """
-    model = make_features(FORCE_MODEL, None)
+    model = make_features(FORCE_MODEL, SensorModel())
     columns = [[model.names.index(n) for n in model.explains[axis]] for axis in FORCE_AXES]
     return features[..., columns], max(model.prior_scales.values())
 
@@ -148,7 +148,7 @@ class Exchange:
         for _ in range(starts):
             start = [int(rng.choice(np.flatnonzero(self.levels == level))) for level in wanted]
             designs.append(self.improve(start))
-        return sorted(min(designs, key=self.criterion))
+        return sorted(min(designs, key=lambda design: self.criterion(design)))
 
 
 def _outer(load: Array) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -28,11 +28,10 @@ from deltact_fab.common import (
     toml_text,
     validate,
 )
-from deltact_fab.fabricate import load_design
 from deltact_fab.sensor import GelMaterial
 from deltact_fab.simulate import RunRequest
 
-from .candidates import Candidate, LinearGel, solve_features, spread_candidates
+from .candidates import QUADRANTS, Candidate, LinearGel, solve_features, spread_candidates
 from .components import ASSUMED_ERRORS
 from .exchange import Exchange, force_regressors
 from .pilot import Pilot, settle_time_s
@@ -50,7 +49,7 @@ VALIDATION_RATIO = 5 / 3  # by hand: of the upper limit of a validated error, ov
 REPLICATED_EVERY, REFERENCE_EVERY = 8, 8  # by hand: a repeat, and a reference, per eight presses
 FIT_COUNTS = (4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128)
 """Numbers of presses that are tried; by hand: neighbours differ less than the chance's noise."""
-WORSE_FACTOR = 1.05  # by hand: of the error, for which more presses are not worth their time
+WORSE_FACTOR = 1.03  # by hand: of the error, for which more presses are not worth their time
 PRESS_FEED_MM_S, FRAME_RATE_HZ = 0.5, 2.0
 """Definition: the default feeds of [motion]; the tip then moves 0.25 mm between two frames."""
 _SECONDS_PER_HOUR = 3600.0  # definition
@@ -104,14 +103,13 @@ class ForcePlanner:
         self.tips = tips[:1] if goal.unattended and not goal.tips else tips
         if goal.unattended and len(self.tips) > 1:
             raise InputError(f"--tip: {', '.join(tips)}; --unattended needs one, nobody changes it")
-        empty = self._settings([], [], 1.0)
-        self._empty = validate(Protocol, empty | {"press": [_REST_PRESS]}, goal.name)
-        request = self._request(self._empty)
+        first = {"name": goal.name, "specimen": self.specimen} | _FIRST_PRESS
+        request = self._request(validate(Protocol, first, goal.name))
         if request.view is None:
             raise InputError(f"{request.rig_path}: no camera; a force calibration needs images")
-        material = self._empty.specimen
+        material = request.protocol.specimen
         self.gel = LinearGel(
-            load_design(material.design).skin,
+            request.design.skin,
             GelMaterial(pilot.modulus_mpa or material.modulus_mpa, material.poisson,
                         material.friction),
             material.depth_margin_mm,
@@ -128,7 +126,8 @@ class ForcePlanner:
     def _codes(self) -> tuple[Array, Array, Array]:
         """Codes of place, tip and level of the candidates and of those to validate."""
         presses = [*self.candidates, *self.others]
-        places = np.unique([press.at_mm for press in presses], axis=0, return_inverse=True)[1]
+        folded = np.abs([press.at_mm for press in presses])  # mirror images are one place
+        places = np.unique(folded, axis=0, return_inverse=True)[1]
         tips = np.array([self.tips.index(press.indenter) for press in presses])
         return places.ravel(), tips, np.array([press.level for press in presses])
 
@@ -141,20 +140,13 @@ class ForcePlanner:
 
     def design(self, count: int) -> ForceDesign:
         """Design a plan with a number of presses to fit, and predict its error."""
-        hours = self.goal.time_s / _SECONDS_PER_HOUR
+        hours = self.seconds(count + count // REPLICATED_EVERY) / _SECONDS_PER_HOUR
         rng = np.random.default_rng([self.goal.seed, count])
         chosen = self.exchange(hours).design(count, rng)
         fit = Counter(chosen)
         for index in rng.permutation(sorted(fit))[: count // REPLICATED_EVERY].tolist():
             fit[index] += 1
-        presses = [self.candidates[k] for k in fit]
-        settings = self._settings(
-            [press.as_dict() | ({"repeats": n} if n > 1 else {})
-             for press, n in zip(presses, fit.values(), strict=True)],
-            [press.as_dict() for press in self.others],
-            max(press.depth_mm for press in self.candidates),
-        )  # fmt: skip
-        protocol = validate(Protocol, settings, self.goal.name)
+        protocol = self._protocol(fit)
         estimate = self._request(protocol).estimate()
         indices = [index for index, n in fit.items() for _ in range(n)]
         prediction = predict_errors(
@@ -214,30 +206,41 @@ class ForcePlanner:
         """Prony series of the gel, and its source."""
         if self.pilot.prony is not None:
             return self.pilot.prony, "pilot"
-        prony = self._empty.specimen.prony
+        prony = self.specimen.get("prony") or ()
         return prony, "the specimen's prony" if prony else "assumed: a gel that does not creep"
 
-    def _settings(
-        self, fit: list[dict[str, Any]], validation: list[dict[str, Any]], depth_mm: float
-    ) -> dict[str, Any]:
-        """Return the keys of the protocol, without the promise."""
-        presses = sorted(
-            [*fit, *({**press, "role": "validate"} for press in validation)],
-            key=lambda press: self.tips.index(press["indenter"]),
-        )
-        settle_s = self.settle_s if fit else 1.0
-        reference = {"every": REFERENCE_EVERY, "depth_mm": round(depth_mm / 2, 2)}
-        return {
+    def seconds(self, count: int) -> float:
+        """Estimated duration of a plan with a number of presses to fit."""
+        start_s, per_press_s = self._pace
+        return start_s + count * per_press_s
+
+    @cached_property
+    def _pace(self) -> tuple[float, float]:
+        """Seconds of a plan without presses to fit, and more for each of these."""
+        few, many = (dict.fromkeys(range(n), 1) for n in (0, REFERENCE_EVERY))
+        a, b = (self._request(self._protocol(fit)).estimate().seconds for fit in (few, many))
+        return a, (b - a) / REFERENCE_EVERY
+
+    def _protocol(self, fit: Mapping[int, int]) -> Protocol:
+        """Return the protocol of candidates to fit, with their repeats, without a promise."""
+        depth_mm = max(press.depth_mm for press in self.candidates)
+        presses = [
+            self.candidates[k].mirrored(turn).as_dict() | ({"repeats": n} if n > 1 else {})
+            for turn, (k, n) in enumerate(fit.items())
+        ]
+        presses += [press.as_dict() | {"role": "validate"} for press in self.others]
+        presses.sort(key=lambda press: self.tips.index(press["indenter"]))
+        return validate(Protocol, {
             "name": self.goal.name,
             "description": f"Force calibration to {self.goal.range_n:g} N, by protocol plan.",
             "channels": ["image", "force", "shear"],
             "order": "random",
             "order_seed": self.goal.seed,
             "press": presses,
-            "reference": reference,
-            "capture": {"rate_hz": FRAME_RATE_HZ, "settle_s": settle_s},
+            "reference": {"every": REFERENCE_EVERY, "depth_mm": round(depth_mm / 2, 2)},
+            "capture": {"rate_hz": FRAME_RATE_HZ, "settle_s": self.settle_s},
             "specimen": self.specimen,
-        }
+        }, self.goal.name)  # fmt: skip
 
     def _request(self, protocol: Protocol, out: Path = Path()) -> RunRequest:
         """Request a run of a protocol that is not written yet."""
@@ -275,7 +278,11 @@ class ForcePlanner:
         return lines
 
 
-_REST_PRESS = {"indenter": "sphere:10", "depth_mm": 0.5}  # of a protocol that is only asked for
+_FIRST_PRESS = {
+    "press": [{"indenter": "sphere:10", "depth_mm": 0.5}],
+    "channels": ["image", "force"],
+    "capture": {"settle_s": 1.0},
+}  # by hand: a protocol that is not written, for the files that the goal names
 
 
 def _spread_validation(others: Sequence[Candidate], count: int, seed: int) -> list[Candidate]:
@@ -285,13 +292,13 @@ def _spread_validation(others: Sequence[Candidate], count: int, seed: int) -> li
     levels = sorted({press.level for press in others})
     by_place: dict[tuple[float, float], list[Candidate]] = {}
     for press in others:
-        by_place.setdefault((abs(press.at_mm[0]), abs(press.at_mm[1])), []).append(press)
+        by_place.setdefault(press.at_mm, []).append(press)
     turns = itertools.cycle(itertools.product(levels, tips))
     chosen = []
     for place in list(by_place)[:count]:
         level, tip = next(turns)
-        suited = [p for p in by_place[place] if p.level == level and p.indenter == tip]
-        chosen.append(suited[int(rng.integers(len(suited)))])
+        press = next(p for p in by_place[place] if p.level == level and p.indenter == tip)
+        chosen.append(press.mirrored(int(rng.integers(len(QUADRANTS)))))
     return chosen
 
 

@@ -70,9 +70,13 @@ class PlanReport:
             f"goal {goal.error_n:g} N: not with chance {SURE_CHANCE:g} within "
             f"{format_duration(goal.time_s)}; {self.design.prediction.reached_n():.2g} N is"
         )
-        if self.longer is None:
-            return f"{text}; more presses change little"
-        return f"{text}, or {goal.error_n:g} N in {format_duration(self.longer.estimate.seconds)}"
+        if self.longer is not None:
+            text += f", or {goal.error_n:g} N in {format_duration(self.longer.estimate.seconds)}"
+        elif self.design.prediction.error_n <= goal.error_n:
+            text += "; more presses change little, a pilot of more places and presses decides"
+        else:
+            text += "; more presses change little"
+        return text
 
     @property
     def data(self) -> dict[str, Any]:
@@ -112,8 +116,8 @@ def plan_force(
     stated = {key: value for key, value in (specimen or {}).items() if value is not None}
     presses = None
     if "serial" in stated:
-        presses, design = _read_ledger(stated["serial"])
-        stated = ({} if design is None else {"design": design}) | stated
+        presses, recorded = _read_ledger(stated["serial"])
+        stated = ({} if recorded is None else {"design": recorded}) | stated
     goal = ForceGoal(file.stem, rig, range_n, goal_n, time_s, tuple(tips), stated, unattended, seed)
     planner = ForcePlanner(goal, Pilot.read(pilots, seed, progress), progress)
     design, longer = planner.plan()
