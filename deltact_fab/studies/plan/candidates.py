@@ -1,7 +1,8 @@
 """Candidate presses for a force calibration, and the features that a linear gel gives for them.
 
 Places are space-filling (Sobol) in a quarter of the reach; a press that is chosen is mirrored into
-one of the quarters, as mirror images have the same features but for signs. A press goes to one depth and is dragged once, short of slipping.
+one of the quarters, as mirror images have the same features but for signs. A press goes to one
+depth and is dragged once, short of slipping.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ SLIP_FACTOR = 1.5  # x friction x depth slips fully (Mindlin, as `Shear.amplitud
 DRAG_SHARES = (0.3, 0.45, 0.6)  # of what slips; by hand: from clear of the noise to short of slip
 FIT_PLACES, VALIDATION_PLACES = 16, 16  # by hand: more take a second of solving for each depth
 QUADRANTS = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # definition: signs of x and y
+PLACE_STEP_MM = 0.1  # by hand: of places, for a file that is read; rounded inwards
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # definition: directions that never repeat
 _DEPTH_STEP_MM = 0.05  # by hand: of the search for the depth of the largest force
 _MIN_DEPTH_MM = 0.1  # by hand: a shallower press is mostly roughness
@@ -124,19 +126,17 @@ def spread_candidates(
     All are in one quadrant; their places differ. Raises InputError for a tip without room.
     """
     deepest = {tip: gel.largest_depth_mm(tip, range_n) for tip in tips}
-    friction = gel.material.friction
+    slip_share = SLIP_FACTOR * gel.material.friction
     reach_mm = np.min([_reach_mm(gel, tip, deepest[tip], view) for tip in tips], axis=0)
     count = FIT_PLACES + VALIDATION_PLACES
     folded = qmc.Sobol(2, seed=np.random.default_rng(seed)).random(count) * reach_mm
     parts: list[list[Candidate]] = [[], []]
-    for k, place in enumerate(np.round(folded, 1)):
-        x, y = place.tolist()
+    for k, place in enumerate(np.floor(folded / PLACE_STEP_MM) * PLACE_STEP_MM):
+        x, y = np.round(place, 1).tolist()
         for tip, (level, share) in itertools.product(tips, enumerate(DEPTH_LEVELS)):
             depth_mm = round(share * deepest[tip], 2)
             angle = _GOLDEN_ANGLE * (k * len(DEPTH_LEVELS) + level)
-            drag_mm = (
-                DRAG_SHARES[(k + level) % len(DRAG_SHARES)] * SLIP_FACTOR * friction * depth_mm
-            )
+            drag_mm = DRAG_SHARES[(k + level) % len(DRAG_SHARES)] * slip_share * depth_mm
             way = round(drag_mm * math.cos(angle), 2), round(drag_mm * math.sin(angle), 2)
             parts[k >= FIT_PLACES].append(Candidate(tip, (x, y), depth_mm, way, level))
     return parts[0], parts[1]
@@ -150,7 +150,7 @@ def _reach_mm(gel: LinearGel, tip: str, depth_mm: float, view: CameraModel) -> A
     # A contact of a ball has a^2 = R d (Hertz); that of a flat tip is its footprint.
     contact_mm = np.minimum(footprint_mm, np.sqrt(footprint_mm * depth_mm))
     half_mm = np.array([np.abs(axis).max() for axis in axes_mm(view)])
-    reach_mm: Array = np.minimum(face_mm, half_mm - contact_mm) - drag_mm
+    reach_mm: Array = np.minimum(face_mm, half_mm - contact_mm) - drag_mm - PLACE_STEP_MM / 10
     if reach_mm.min() <= 0:
         raise InputError(f"--tip {tip}: no room on this face and in this view; use a smaller tip")
     return reach_mm

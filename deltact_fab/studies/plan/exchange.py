@@ -140,7 +140,7 @@ class Exchange:
                 break
         return design
 
-    def design(self, count: int, rng: np.random.Generator, starts: int = 3) -> list[int]:
+    def design(self, count: int, rng: np.random.Generator, starts: int = 8) -> list[int]:
         """Choose presses, all levels equally often: the best of some exchanges from random ones."""
         codes = np.unique(self.levels)
         wanted = np.resize(codes[::-1], count)

@@ -6,7 +6,6 @@ none does, the smallest that comes within WORSE_FACTOR of the best that the time
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +30,14 @@ from deltact_fab.common import (
 from deltact_fab.sensor import GelMaterial
 from deltact_fab.simulate import RunRequest
 
-from .candidates import QUADRANTS, Candidate, LinearGel, solve_features, spread_candidates
+from .candidates import (
+    QUADRANTS,
+    VALIDATION_PLACES,
+    Candidate,
+    LinearGel,
+    solve_features,
+    spread_candidates,
+)
 from .components import ASSUMED_ERRORS
 from .exchange import Exchange, force_regressors
 from .pilot import Pilot, settle_time_s
@@ -50,8 +56,8 @@ REPLICATED_EVERY, REFERENCE_EVERY = 8, 8  # by hand: a repeat, and a reference, 
 FIT_COUNTS = (4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128)
 """Numbers of presses that are tried; by hand: neighbours differ less than the chance's noise."""
 WORSE_FACTOR = 1.03  # by hand: of the error, for which more presses are not worth their time
-PRESS_FEED_MM_S, FRAME_RATE_HZ = 0.5, 2.0
-"""Definition: the default feeds of [motion]; the tip then moves 0.25 mm between two frames."""
+PRESS_FEED_MM_S, FRAME_RATE_HZ = 0.5, 3.0
+"""Definition: the default feeds of [motion]; the tip then moves 0.25 mm at most between frames."""
 _SECONDS_PER_HOUR = 3600.0  # definition
 
 
@@ -97,7 +103,7 @@ class ForcePlanner:
     """
 
     def __init__(self, goal: ForceGoal, pilot: Pilot, progress: Progress | None = None) -> None:
-        self.goal, self.pilot, self._progress = goal, pilot, progress
+        self.goal, self.pilot = goal, pilot
         self.specimen = _merge_specimen(goal.specimen, pilot.specimen)
         tips = goal.tips or pilot.tips or DEFAULT_TIPS
         self.tips = tips[:1] if goal.unattended and not goal.tips else tips
@@ -286,20 +292,11 @@ _FIRST_PRESS = {
 
 
 def _spread_validation(others: Sequence[Candidate], count: int, seed: int) -> list[Candidate]:
-    """Choose presses to validate: a place each, tips and levels in turn."""
-    rng = np.random.default_rng([seed, len(others)])
-    tips = list(dict.fromkeys(press.indenter for press in others))
-    levels = sorted({press.level for press in others})
-    by_place: dict[tuple[float, float], list[Candidate]] = {}
-    for press in others:
-        by_place.setdefault(press.at_mm, []).append(press)
-    turns = itertools.cycle(itertools.product(levels, tips))
-    chosen = []
-    for place in list(by_place)[:count]:
-        level, tip = next(turns)
-        press = next(p for p in by_place[place] if p.level == level and p.indenter == tip)
-        chosen.append(press.mirrored(int(rng.integers(len(QUADRANTS)))))
-    return chosen
+    """Choose presses to validate: a place each, tips and levels in turn, in any quadrant."""
+    quadrants = np.random.default_rng([seed, len(others)]).integers(len(QUADRANTS), size=count)
+    step = len(others) // VALIDATION_PLACES
+    places = range(min(count, VALIDATION_PLACES))
+    return [others[k * step + k % step].mirrored(int(quadrants[k])) for k in places]
 
 
 def _merge_specimen(stated: dict[str, Any], recorded: dict[str, Any]) -> dict[str, Any]:
