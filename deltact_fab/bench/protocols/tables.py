@@ -25,6 +25,7 @@ GridCount = Annotated[int, Field(ge=1, le=1000)]
 FaceTilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still press on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 SettleTime = Annotated[float, Field(ge=0, le=600)]
+PromisedError = Annotated[float, Field(ge=0, le=1e6)]
 PressRole = Literal["fit", "validate", "reference"]
 PressCount = Annotated[int, Field(ge=1, le=10_000)]
 SettleTimes = OneOrEach[SettleTime, StopKind]
@@ -299,15 +300,15 @@ class Promise(Table):
     """Quantity whose error is predicted."""
     unit: str = Field(examples=["N"], max_length=16)
     """Unit of the figures."""
-    goal: Annotated[float, Field(gt=0, le=1e6)] = Field(examples=[0.1])
+    goal: PromisedError = Field(examples=[0.1])
     """Largest rms error that is wanted."""
-    error: Annotated[float, Field(ge=0, le=1e6)] = Field(examples=[0.07])
+    error: PromisedError = Field(examples=[0.07])
     """Predicted rms error of the presses to validate."""
-    interval: tuple[float, float] = Field(examples=[[0.05, 0.11]])
+    interval: tuple[PromisedError, PromisedError] = Field(examples=[[0.05, 0.11]])
     """Interval of the predicted error, 95 %."""
     chance: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.86])
     """Predicted chance to meet the goal."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of the plan."""
     rests_on: tuple[str, ...] = ()
     """Figures that the prediction rests on, and their sources."""

@@ -29,10 +29,10 @@ from deltact_fab.sensor import (
 DEPTH_LEVELS = (0.4, 0.6, 0.8, 1.0)
 """Shares of a tip's largest depth. By hand: a model linear in depth would take the largest alone,
 and never show where the gel stiffens; each level gets as many presses as the others."""
-SLIP_FACTOR = 1.5  # x friction x depth slips fully (Mindlin, as `Shear.amplitude_of_depth`)
+SLIP_FACTOR = 1.5  # by Mindlin, paper of 1949: x friction x depth slips fully
 DRAG_SHARES = (0.3, 0.45, 0.6)  # of what slips; by hand: from clear of the noise to short of slip
 FIT_PLACES, VALIDATION_PLACES = 16, 16  # by hand: more take a second of solving for each depth
-QUADRANTS = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # definition: signs of x and y
+QUADRANT_SIGNS = ((1, 1), (-1, -1), (1, -1), (-1, 1))  # definition: signs of x and y
 PLACE_STEP_MM = 0.1  # by hand: of places, for a file that is read; rounded inwards
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # definition: directions that never repeat
 _DEPTH_STEP_MM = 0.05  # by hand: of the search for the depth of the largest force
@@ -51,7 +51,7 @@ class Candidate:
 
     def mirrored(self, quadrant: int) -> Candidate:
         """Mirror into one of the four quadrants; 0 leaves the press where it is."""
-        sign_x, sign_y = QUADRANTS[quadrant % len(QUADRANTS)]
+        sign_x, sign_y = QUADRANT_SIGNS[quadrant % len(QUADRANT_SIGNS)]
         (x, y), (dx, dy) = self.at_mm, self.drag_mm
         place, drag = (sign_x * x + 0.0, sign_y * y + 0.0), (sign_x * dx + 0.0, sign_y * dy + 0.0)
         return replace(self, at_mm=place, drag_mm=drag)
@@ -64,8 +64,11 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class LinearGel:
-    """Linear gel of a sensor. margin_mm: gel that remains below the deepest press."""
+class GelFeatures:
+    """Features of presses on the linear gel of a sensor.
+
+    margin_mm: gel that remains below the deepest press.
+    """
 
     skin: SkinDimensions
     material: GelMaterial
@@ -119,7 +122,7 @@ class LinearGel:
 
 
 def spread_candidates(
-    gel: LinearGel, tips: Sequence[str], range_n: float, view: CameraModel, seed: int
+    gel: GelFeatures, tips: Sequence[str], range_n: float, view: CameraModel, seed: int
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Spread candidates over tips, places and depths: those to fit, and others to validate.
 
@@ -137,12 +140,12 @@ def spread_candidates(
             depth_mm = round(share * deepest[tip], 2)
             angle = _GOLDEN_ANGLE * (k * len(DEPTH_LEVELS) + level)
             drag_mm = DRAG_SHARES[(k + level) % len(DRAG_SHARES)] * slip_share * depth_mm
-            way = round(drag_mm * math.cos(angle), 2), round(drag_mm * math.sin(angle), 2)
-            parts[k >= FIT_PLACES].append(Candidate(tip, (x, y), depth_mm, way, level))
+            drag = round(drag_mm * math.cos(angle), 2), round(drag_mm * math.sin(angle), 2)
+            parts[k >= FIT_PLACES].append(Candidate(tip, (x, y), depth_mm, drag, level))
     return parts[0], parts[1]
 
 
-def _reach_mm(gel: LinearGel, tip: str, depth_mm: float, view: CameraModel) -> Array:
+def _reach_mm(gel: GelFeatures, tip: str, depth_mm: float, view: CameraModel) -> Array:
     """Largest |x| and |y| (2,) of a tip: footprint on the face, contact in the camera's view."""
     drag_mm = DRAG_SHARES[-1] * SLIP_FACTOR * gel.material.friction * depth_mm
     footprint_mm = np.array(parse_indenter(tip).footprint_half_mm)
@@ -157,9 +160,9 @@ def _reach_mm(gel: LinearGel, tip: str, depth_mm: float, view: CameraModel) -> A
 
 
 def solve_features(
-    gel: LinearGel, candidates: Sequence[Candidate], progress: Progress | None = None
+    gel: GelFeatures, candidates: Sequence[Candidate], progress: Progress | None = None
 ) -> Array:
-    """Solve the features (m, 2, 9) of candidates, see `LinearGel.features`."""
+    """Solve the features (m, 2, 9) of candidates, see `GelFeatures.features`."""
     out = np.empty((len(candidates), 2, 9))
     for k, candidate in enumerate(candidates):
         out[k] = gel.features(candidate)

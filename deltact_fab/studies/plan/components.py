@@ -32,7 +32,7 @@ PRIOR_FACTOR = 2.0  # by hand: one standard deviation of the assumed values, up 
 LIGHT_SHARE = 0.05  # by hand: of the largest force; lighter points are of a face at rest
 MIN_PILOT_PLACES = 3  # by hand: fewer do not determine the coefficient of the place's distance
 COMPONENT_DRAWS = 2000  # by hand: a chance is then within 0.02
-_PROPOSALS, _PROPOSAL_FREEDOM, _LOG_STEP = 8000, 5, 1e-3  # by hand: of the sampling
+_PROPOSAL_COUNT, _PROPOSAL_FREEDOM, _LOG_STEP = 8000, 5, 1e-3  # by hand: of the sampling
 
 
 @dataclass(frozen=True)
@@ -186,12 +186,14 @@ def _sample(likelihood: _Likelihood, rng: np.random.Generator) -> Array:
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     # No direction is surer than its curvature says, nor less sure than twice the prior.
     root = vectors / np.sqrt(np.maximum(values, 0.25 / math.log(PRIOR_FACTOR) ** 2))
-    normal = rng.standard_normal((_PROPOSALS, 3))
-    stretch = np.sqrt(_PROPOSAL_FREEDOM / rng.chisquare(_PROPOSAL_FREEDOM, _PROPOSALS))
+    normal = rng.standard_normal((_PROPOSAL_COUNT, 3))
+    stretch = np.sqrt(_PROPOSAL_FREEDOM / rng.chisquare(_PROPOSAL_FREEDOM, _PROPOSAL_COUNT))
     steps = normal * stretch[:, None]
     distance2 = (steps**2).sum(axis=1)
     log_proposal = -(_PROPOSAL_FREEDOM + 3) / 2 * np.log1p(distance2 / _PROPOSAL_FREEDOM)
     proposals = mode + steps @ root.T
     log_weight = np.array([-minus_log(p) for p in proposals]) - log_proposal
     weight = np.exp(log_weight - log_weight.max())
-    return np.asarray(proposals[rng.choice(_PROPOSALS, COMPONENT_DRAWS, p=weight / weight.sum())])
+    return np.asarray(
+        proposals[rng.choice(_PROPOSAL_COUNT, COMPONENT_DRAWS, p=weight / weight.sum())]
+    )

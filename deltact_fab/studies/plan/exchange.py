@@ -10,7 +10,7 @@ improves (Fedorov, Theory of Optimal Experiments, 1972).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,13 +21,13 @@ from deltact_fab.estimate import SensorModel, make_features
 
 from .components import FORCE_MODEL
 
-FORCE_AXES = ("fx", "fy", "fz")
+FITTED_AXES = ("fx", "fy", "fz")
 CURVATURE_MM2 = 0.03 / 8**2
 """Decision 0024: the centre gives some 3 % more force than a place 8 mm off; what the prior of the
 place's term, which is 0, may be wrong by."""
 MAX_PASSES = 30  # by hand: exchanges end after three or four
 _LEAST_GAIN = 1e-9  # relative, of an exchange; by hand: above rounding
-_TINY = 1e-12  # by hand: keeps the equations of a force that no press has solvable
+_TINY_RIDGE = 1e-12  # by hand: keeps the equations of a force that no press has solvable
 
 
 def force_regressors(features: Array) -> tuple[Array, float]:
@@ -36,7 +36,7 @@ def force_regressors(features: Array) -> tuple[Array, float]:
     features (m, 2, 9): of the press and of its drag's end, in N.
     """
     model = make_features(FORCE_MODEL, SensorModel())
-    columns = [[model.names.index(n) for n in model.explains[axis]] for axis in FORCE_AXES]
+    columns = [[model.names.index(n) for n in model.explains[axis]] for axis in FITTED_AXES]
     return features[..., columns], max(model.prior_scales.values())
 
 
@@ -85,11 +85,12 @@ class Exchange:
         squares = _outer(self._load[index]).sum(axis=0)
         return self._gram[index].sum(axis=0), squares, by_place, by_tip
 
-    def criterion(self, chosen: Sequence[int]) -> float:
+    def criterion(self, chosen: Iterable[int]) -> float:
         """Mean predicted variance in N2 at a place that was not pressed, of all forces."""
-        gram, squares, by_place, by_tip = self.sums(chosen)
+        index = list(chosen)
+        gram, squares, by_place, by_tip = self.sums(index)
         grouped = _outer(by_place).sum(axis=0)
-        return float(self._variance(gram, grouped, squares, by_tip, len(chosen)))
+        return float(self._variance(gram, grouped, squares, by_tip, len(index)))
 
     def _variance(
         self, gram: Array, grouped: Array, squares: Array, by_tip: Array, count: int
@@ -102,7 +103,7 @@ class Exchange:
         if k > 1:  # as in `ForceModel.fit`: in proportion to the mean square of the force
             stops = count * self.rows.shape[1]
             prior[..., 1, 1] = self.prior_mm2**2 * gram[..., 0, 0] / stops
-        inverse = np.linalg.inv(gram + prior + _TINY * np.eye(k))
+        inverse = np.linalg.inv(gram + prior + _TINY_RIDGE * np.eye(k))
         spread = repeat * gram + place * grouped + drift * squares
         spread = spread + tip * np.einsum("...tck,...tcl->...ckl", by_tip, by_tip)
         if k > 1:
@@ -119,7 +120,7 @@ class Exchange:
         design = list(chosen)
         best = self.criterion(design)
         for _ in range(MAX_PASSES):
-            before = best
+            previous = best
             for position, index in enumerate(design):
                 gram, squares, by_place, by_tip = self.sums(
                     design[:position] + design[position + 1 :]
@@ -136,19 +137,19 @@ class Exchange:
                 k = int(values.argmin())
                 if values[k] < best - _LEAST_GAIN * abs(best):
                     design[position], best = int(options[k]), float(values[k])
-            if before - best <= _LEAST_GAIN * abs(before):
+            if previous - best <= _LEAST_GAIN * abs(previous):
                 break
         return design
 
     def design(self, count: int, rng: np.random.Generator, starts: int = 8) -> list[int]:
         """Choose presses, all levels equally often: the best of some exchanges from random ones."""
         codes = np.unique(self.levels)
-        wanted = np.resize(codes[::-1], count)
+        shares = np.resize(codes[::-1], count)
         designs = []
         for _ in range(starts):
-            start = [int(rng.choice(np.flatnonzero(self.levels == level))) for level in wanted]
+            start = [int(rng.choice(np.flatnonzero(self.levels == level))) for level in shares]
             designs.append(self.improve(start))
-        return sorted(min(designs, key=lambda design: self.criterion(design)))
+        return sorted(min(designs, key=self.criterion))
 
 
 def _outer(load: Array) -> Array:

@@ -31,10 +31,10 @@ from deltact_fab.sensor import GelMaterial
 from deltact_fab.simulate import RunRequest
 
 from .candidates import (
-    QUADRANTS,
+    QUADRANT_SIGNS,
     VALIDATION_PLACES,
     Candidate,
-    LinearGel,
+    GelFeatures,
     solve_features,
     spread_candidates,
 )
@@ -114,24 +114,26 @@ class ForcePlanner:
         if request.view is None:
             raise InputError(f"{request.rig_path}: no camera; a force calibration needs images")
         material = request.protocol.specimen
-        self.gel = LinearGel(
+        self.gel = GelFeatures(
             request.design.skin,
             GelMaterial(pilot.modulus_mpa or material.modulus_mpa, material.poisson,
                         material.friction),
             material.depth_margin_mm,
         )  # fmt: skip
-        self.candidates, others = spread_candidates(
+        self.candidates, spares = spread_candidates(
             self.gel, self.tips, goal.range_n, request.view, goal.seed
         )
-        self.others = _spread_validation(others, validation_presses(VALIDATION_RATIO), goal.seed)
+        self.validation = _spread_validation(
+            spares, validation_presses(VALIDATION_RATIO), goal.seed
+        )
         self._rows, self._prior_mm2 = force_regressors(
-            solve_features(self.gel, [*self.candidates, *self.others], progress)
+            solve_features(self.gel, [*self.candidates, *self.validation], progress)
         )
 
     @cached_property
     def _codes(self) -> tuple[Array, Array, Array]:
         """Codes of place, tip and level of the candidates and of those to validate."""
-        presses = [*self.candidates, *self.others]
+        presses = [*self.candidates, *self.validation]
         folded = np.abs([press.at_mm for press in presses])  # mirror images are one place
         places = np.unique(folded, axis=0, return_inverse=True)[1]
         tips = np.array([self.tips.index(press.indenter) for press in presses])
@@ -170,18 +172,18 @@ class ForcePlanner:
         designs: list[ForceDesign] = []
         for count in FIT_COUNTS:
             design = self.design(count)
-            sure = design.prediction.chance(self.goal.error_n) >= SURE_CHANCE
+            meets = design.prediction.chance(self.goal.error_n) >= SURE_CHANCE
             if design.estimate.seconds > self.goal.time_s:
                 if not designs:
-                    least = format_duration(design.estimate.seconds)
+                    shortest = format_duration(design.estimate.seconds)
                     raise InputError(
                         f"--time {format_duration(self.goal.time_s)}: the smallest plan, {count} "
-                        f"presses to fit and {len(self.others)} to validate, takes {least}"
+                        f"presses to fit and {len(self.validation)} to validate, takes {shortest}"
                     )
-                if sure:
+                if meets:
                     return self._best(designs), design
                 continue
-            if sure:
+            if meets:
                 return design, None
             designs.append(design)
         return self._best(designs), None
@@ -234,7 +236,7 @@ class ForcePlanner:
             self.candidates[k].mirrored(turn).as_dict() | ({"repeats": n} if n > 1 else {})
             for turn, (k, n) in enumerate(fit.items())
         ]
-        presses += [press.as_dict() | {"role": "validate"} for press in self.others]
+        presses += [press.as_dict() | {"role": "validate"} for press in self.validation]
         presses.sort(key=lambda press: self.tips.index(press["indenter"]))
         return validate(Protocol, {
             "name": self.goal.name,
@@ -291,12 +293,12 @@ _FIRST_PRESS = {
 }  # by hand: a protocol that is not written, for the files that the goal names
 
 
-def _spread_validation(others: Sequence[Candidate], count: int, seed: int) -> list[Candidate]:
+def _spread_validation(spares: Sequence[Candidate], count: int, seed: int) -> list[Candidate]:
     """Choose presses to validate: a place each, tips and levels in turn, in any quadrant."""
-    quadrants = np.random.default_rng([seed, len(others)]).integers(len(QUADRANTS), size=count)
-    step = len(others) // VALIDATION_PLACES
+    quadrants = np.random.default_rng([seed, len(spares)]).integers(len(QUADRANT_SIGNS), size=count)
+    step = len(spares) // VALIDATION_PLACES
     places = range(min(count, VALIDATION_PLACES))
-    return [others[k * step + k % step].mirrored(int(quadrants[k])) for k in places]
+    return [spares[k * step + k % step].mirrored(int(quadrants[k])) for k in places]
 
 
 def _merge_specimen(stated: dict[str, Any], recorded: dict[str, Any]) -> dict[str, Any]:

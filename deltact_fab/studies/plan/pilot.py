@@ -16,7 +16,8 @@ from deltact_fab.estimate import ForceRest, RelaxationFit, calibrate_force
 from .components import FORCE_MODEL, ErrorComponents, ForcePoints
 
 SETTLED_SHARE = 0.02  # by hand: of the steady force, that may still decay in a settled frame
-MIN_SETTLE_S, MAX_SETTLE_S = 1.0, 600.0  # as the shipped protocols; limit of `capture.settle_s`
+SHORTEST_SETTLE_S, LONGEST_SETTLE_S = 1.0, 600.0
+# By hand: as in the shipped protocols; by definition: the limit of `capture.settle_s`.
 _SECONDS_PER_HOUR = 3600.0  # definition
 
 PronyPairs = Sequence[tuple[float, float]]
@@ -82,11 +83,11 @@ def settle_time_s(prony: PronyPairs, ramp_s: float) -> float:
             for g, tau in prony
         )  # fmt: skip
 
-    if excess(MIN_SETTLE_S) <= SETTLED_SHARE:
-        return MIN_SETTLE_S
-    if excess(MAX_SETTLE_S) >= SETTLED_SHARE:
-        return MAX_SETTLE_S
+    if excess(SHORTEST_SETTLE_S) <= SETTLED_SHARE:
+        return SHORTEST_SETTLE_S
+    if excess(LONGEST_SETTLE_S) >= SETTLED_SHARE:
+        return LONGEST_SETTLE_S
     from scipy.optimize import brentq
 
-    root_s = brentq(lambda t: excess(t) - SETTLED_SHARE, MIN_SETTLE_S, MAX_SETTLE_S)
+    root_s = brentq(lambda t: excess(t) - SETTLED_SHARE, SHORTEST_SETTLE_S, LONGEST_SETTLE_S)
     return float(math.ceil(root_s * 10) / 10)

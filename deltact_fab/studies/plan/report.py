@@ -38,7 +38,7 @@ class PlanReport:
         tips += " only (nobody changes tips)" if goal.unattended else ""
         lines = [
             f"{goal.name}: {tips}; {design.estimate.presses} presses in random order: "
-            f"{design.presses} to fit, {len(planner.others)} only to validate, a reference press "
+            f"{design.presses} to fit, {len(planner.validation)} only to validate, a reference press "
             f"every {REFERENCE_EVERY}",
             f"settle {wait_s['press']:.3g} s, after a drag {wait_s['shear']:.3g} s (within "
             f"{SETTLED_SHARE:.0%} of steady: {planner.relaxation[1]}); "
@@ -57,10 +57,10 @@ class PlanReport:
     @property
     def _wear(self) -> str:
         """Presses on the gel before and after, if the sensor has a ledger."""
-        before, serial = self.ledger_presses, self.planner.specimen.get("serial")
-        if before is None:
+        count, serial = self.ledger_presses, self.planner.specimen.get("serial")
+        if count is None:
             return ""
-        return f"; {serial} has {before} presses, then {before + self.design.estimate.presses}"
+        return f"; {serial} has {count} presses, then {count + self.design.estimate.presses}"
 
     @property
     def _nearest(self) -> str:
@@ -88,7 +88,7 @@ class PlanReport:
             **promise.model_dump(mode="json"),
             "tips": list(planner.tips),
             "fit": design.presses,
-            "validate": len(planner.others),
+            "validate": len(planner.validation),
             "settle_s": planner.settle_s,
             "relaxation": planner.relaxation[1],
             "estimate": asdict(design.estimate),

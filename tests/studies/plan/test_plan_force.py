@@ -12,14 +12,14 @@ from deltact_fab.common import InputError
 from deltact_fab.sensor import GelMaterial, SkinDimensions
 from deltact_fab.simulate import RunRequest
 from deltact_fab.studies.plan import candidates, force
-from deltact_fab.studies.plan.candidates import Candidate, LinearGel
+from deltact_fab.studies.plan.candidates import Candidate, GelFeatures
 from deltact_fab.studies.plan.components import ASSUMED_ERRORS, ErrorComponents
 from deltact_fab.studies.plan.exchange import force_regressors
 from deltact_fab.studies.plan.force import ForceGoal, ForcePlanner, protocol_text
 from deltact_fab.studies.plan.pilot import Pilot
 from deltact_fab.studies.plan.report import PlanReport, plan_force
 
-GEL = LinearGel(SkinDimensions(), GelMaterial(0.56, 0.49, 0.5), 1.0)
+GEL = GelFeatures(SkinDimensions(), GelMaterial(0.56, 0.49, 0.5), 1.0)
 
 
 @pytest.fixture(scope="module")
