@@ -17,7 +17,7 @@ from .components import FORCE_MODEL, ErrorComponents, ForcePoints
 
 SETTLED_SHARE = 0.02  # by hand: of the steady force, that may still decay in a settled frame
 SHORTEST_SETTLE_S, LONGEST_SETTLE_S = 1.0, 600.0
-# By hand: as in the shipped protocols; by definition: the limit of `capture.settle_s`.
+"""By hand: as in the shipped protocols; by definition: the limit of `capture.settle_s`."""
 _SECONDS_PER_HOUR = 3600.0  # definition
 
 PronyPairs = Sequence[tuple[float, float]]

@@ -38,8 +38,8 @@ class PlanReport:
         tips += " only (nobody changes tips)" if goal.unattended else ""
         lines = [
             f"{goal.name}: {tips}; {design.estimate.presses} presses in random order: "
-            f"{design.presses} to fit, {len(planner.validation)} only to validate, a reference press "
-            f"every {REFERENCE_EVERY}",
+            f"{design.presses} to fit, {len(planner.validation)} only to validate, a reference "
+            f"press every {REFERENCE_EVERY}",
             f"settle {wait_s['press']:.3g} s, after a drag {wait_s['shear']:.3g} s (within "
             f"{SETTLED_SHARE:.0%} of steady: {planner.relaxation[1]}); "
             f"{format_duration(design.estimate.seconds)}, "
@@ -52,7 +52,7 @@ class PlanReport:
             lines.append(self._nearest)
         if len(planner.tips) == 1:
             lines.append("other tips: not predicted by presses of one tip")
-        return lines
+        return [*lines, *(f"pilot: {line}" for line in planner.pilot.lines)]
 
     @property
     def _wear(self) -> str:
