@@ -7,9 +7,10 @@ instead of text; all other messages go to stderr.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 
@@ -110,31 +111,38 @@ class RepeatedOptions(click.Command):
 
 
 class Quantity(click.ParamType):
-    """Positive number with one of some units, such as 10% or 0.02mm."""
+    """Positive number with a unit, such as 8N, 90min or 15%."""
 
     name = "quantity"
+    FACTORS: ClassVar[dict[str, dict[str, float]]] = {
+        "N": {"N": 1, "mN": 1e-3},
+        "s": {"s": 1, "min": 60, "h": 3600},
+        "ms": {"ms": 1},
+        "mm": {"mm": 1, "um": 1e-3},
+        "%": {"%": 1},
+    }
+    """Factors by unit, by base unit; all by definition."""
 
-    def __init__(self, *units: str) -> None:
-        self.units = units
+    def __init__(self, *bases: str) -> None:
+        """bases: base units of FACTORS that the number may have."""
+        self.bases = bases
+        units = ((unit, (factor, b)) for b in bases for unit, factor in self.FACTORS[b].items())
+        self.units = dict(units)
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, str]:
-        """Convert to number and unit; reject any other unit, and 0."""
-        if isinstance(value, tuple):
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number in the base unit, with that unit if there are several."""
+        if not isinstance(value, str):
             return value
-        text = value.strip()
-        unit = next((u for u in sorted(self.units, key=len, reverse=True) if text.endswith(u)), "")
+        text = re.sub(r"\s*([a-zA-Z]+|%)\s*$", "", value)
+        factor, base = self.units.get(value.removeprefix(text).strip(), (math.nan, ""))
         try:
-            number = float(text.removesuffix(unit)) if unit else math.nan
+            number = float(text) * factor
         except ValueError:
             number = math.nan
         if not 0 < number < math.inf:
-            choices = " or ".join(f"0.1{unit}" for unit in self.units)
-            self.fail(
-                f"{value!r}: must be a number above 0 with its unit, as {choices}", param, ctx
-            )
-        return number, unit
+            units = " or ".join(self.units)
+            self.fail(f"{value!r}: must be a positive number with {units}", param, ctx)
+        return number if len(self.bases) == 1 else (number, base)
 
 
 NAME_OR_PATH = click.Path()

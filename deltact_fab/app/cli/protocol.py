@@ -1,4 +1,4 @@
-"""`deltact-fab protocol`: new, list, check, show."""
+"""`deltact-fab protocol`: new, list, plan, check, show."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .group import CommandGroup
 from .old_keys import of_protocol
 from .options import NAME_OR_PATH, NEW_FILE, RIG_OPTION, out_folder
 from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress
+from .plan import plan
 
 PAPER_REMARK = (
     "the paper's depth of 10 mm needs about 271 N with a sphere of 15 mm (predicted, at 0.56 MPa "
@@ -24,7 +25,7 @@ PAPER_REMARK = (
 
 @click.group(cls=CommandGroup)
 def protocol() -> None:
-    """Indentation experiments: write, check, show.
+    """Indentation experiments: write, plan, check, show.
 
     A PROTOCOL is a name of `protocol list` or a path.
     """
@@ -61,6 +62,9 @@ def new(name: str, source: str, design: str | None, out: Path | None) -> Answer:
     answer = file_note(file, f"protocol check {name}")
     lines = [*(f"fitted: {line}" for line in changes), *answer.lines]
     return Answer({**answer.data, "fitted": changes}, lines)
+
+
+protocol.add_command(plan)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")

@@ -6,7 +6,9 @@ when the run is repeated or resumed.
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,6 +38,7 @@ from .tables import (
     PlanLength,
     PressCount,
     PressEntry,
+    Promise,
     ReferencePress,
     Shear,
     Specimen,
@@ -49,7 +52,8 @@ MAX_PROTOCOL_STEPS = 200_000
 """By hand: the paper's force calibration has 2435; more make planning slow."""
 
 
-_NEW_KEYS = ("presses", "press", "order", "order_seed", "repeats", "reference")  # than 0.3.0's
+# Newer than 0.3.0.
+_NEW_KEYS = ("presses", "press", "order", "order_seed", "repeats", "reference", "promise")
 
 
 class Protocol(Table):
@@ -91,6 +95,7 @@ class Protocol(Table):
     capture: Capture
     motion: MotionPlan = MotionPlan()
     specimen: Specimen = Specimen()
+    promise: Promise | None = None
 
     @field_validator("indenters")
     @classmethod
@@ -210,6 +215,12 @@ class Protocol(Table):
     def stops_mm(self) -> tuple[float, ...]:
         """Depths of all stops, each once, increasing."""
         return tuple(sorted({depth for press in self.list_presses() for depth in press.depths_mm}))
+
+    @property
+    def digest(self) -> str:
+        """Digest of everything but the promise, name and description: of what is carried out."""
+        plan = self.model_dump(mode="json", exclude={"promise", "name", "description"})
+        return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()[:12]
 
     def narrowed(
         self,

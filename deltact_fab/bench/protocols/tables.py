@@ -25,6 +25,7 @@ GridCount = Annotated[int, Field(ge=1, le=1000)]
 FaceTilt = Annotated[float, Field(ge=-40, le=40)]  # both at once still press on the face
 Seconds = Annotated[float, Field(ge=0.001, le=1e6)]
 SettleTime = Annotated[float, Field(ge=0, le=600)]
+PromisedError = Annotated[float, Field(ge=0, le=1e6)]
 PressRole = Literal["fit", "validate", "reference"]
 PressCount = Annotated[int, Field(ge=1, le=10_000)]
 SettleTimes = OneOrEach[SettleTime, StopKind]
@@ -290,6 +291,29 @@ class ReferencePress(Table):
     """Position (x, y) from the centre of the face."""
     depth_mm: PlanLength = Field(examples=[1.0])
     """Depth below the resting face."""
+
+
+class Promise(Table):
+    """Prediction of a plan, written by `protocol plan`: what a run of it is compared with."""
+
+    measure: str = Field(examples=["normal force"], max_length=100)
+    """Quantity whose error is predicted."""
+    unit: str = Field(examples=["N"], max_length=16)
+    """Unit of the figures."""
+    goal: PromisedError = Field(examples=[0.1])
+    """Largest rms error that is wanted."""
+    error: PromisedError = Field(examples=[0.07])
+    """Predicted rms error of the presses to validate."""
+    interval: tuple[PromisedError, PromisedError] = Field(examples=[[0.05, 0.11]])
+    """Interval of the predicted error, 95 %."""
+    chance: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.86])
+    """Predicted chance to meet the goal."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of the plan."""
+    rests_on: tuple[str, ...] = ()
+    """Figures that the prediction rests on, and their sources."""
+    digest: str = Field(default="", pattern=r"^([0-9a-f]{12})?$")
+    """Digest of the planned protocol; another one after a change."""
 
 
 def read_presses(file: Path) -> list[dict[str, Any]]:

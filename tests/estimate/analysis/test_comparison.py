@@ -106,8 +106,8 @@ def test_choices_are_those_of_analysis() -> None:
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--margin", "3"], "must be a number above 0 with its unit"),
-        (["--margin", "-3%"], "must be a number above 0 with its unit"),
+        (["--margin", "3"], "must be a positive number with"),
+        (["--margin", "-3%"], "must be a positive number with"),
         (["--margin", "3mm", "--measure", "time"], "time is in ms"),
         (["--measure", "luck"], "is not one of"),
     ],

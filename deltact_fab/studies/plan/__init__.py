@@ -1,0 +1,1 @@
+"""Plans: presses chosen for a goal, with predictions that name what they rest on."""
