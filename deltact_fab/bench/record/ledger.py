@@ -101,7 +101,7 @@ class SensorLedger(Table):
         return cls.FOLDER / f"{serial}.toml"
 
     @classmethod
-    def read(cls, serial: str) -> SensorLedger:
+    def load(cls, serial: str) -> SensorLedger:
         """Read the ledger of a sensor, empty if there is none. Raises InputError."""
         return _read_ledger(cls.file(serial))[1] if _SERIAL_FORM.fullmatch(serial) else cls()
 

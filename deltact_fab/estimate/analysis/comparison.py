@@ -175,7 +175,7 @@ def unit_name(run: Run, kind: str) -> str:
         text = "no unit: its protocol has no specimen.serial, the serial number of the sensor"
         raise InputError(f"{run.folder}: {text}")
     elif kind in ("gel", "print"):
-        ledger = SensorLedger.read(serial)
+        ledger = SensorLedger.load(serial)
         keys = {"gel": ("gel_batch",), "print": ("printer", "printed")}[kind]
         values = {key: str(getattr(ledger, key)) for key in keys}
         if empty := [key for key, value in values.items() if not value]:
@@ -246,6 +246,6 @@ def _notes(sides: Sequence[Sequence[Run]], names: Mapping[Path, str]) -> Iterato
         yield "one side's runs all began first: the difference has the drift of the bench in it"
     for side, label in zip(sides, "ab", strict=True):
         serials = {run.meta["protocol"].get("specimen", {}).get("serial") for run in side}
-        batches = {SensorLedger.read(serial).gel_batch for serial in serials}
+        batches = {SensorLedger.load(serial).gel_batch for serial in serials}
         if len(serials) > 1 and len(batches) == 1 and batches != {""}:
             yield f"all sensors of {label} are of gel batch {batches.pop()}: one unit"

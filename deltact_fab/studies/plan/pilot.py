@@ -40,7 +40,7 @@ class Pilot:
     lines: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, folders: Sequence[Path], seed: int, progress: Progress | None = None) -> Self:
+    def load(cls, folders: Sequence[Path], seed: int, progress: Progress | None = None) -> Self:
         """Read pilot runs of one sensor; none: everything is assumed.
 
         Raises InputError as `calibrate_force`, and for too few points in contact.

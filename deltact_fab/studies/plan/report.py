@@ -119,7 +119,7 @@ def plan_force(
         presses, recorded = _read_ledger(stated["serial"])
         stated = ({} if recorded is None else {"design": recorded}) | stated
     goal = ForceGoal(file.stem, rig, range_n, goal_n, time_s, tuple(tips), stated, unattended, seed)
-    planner = ForcePlanner(goal, Pilot.read(pilots, seed, progress), progress)
+    planner = ForcePlanner(goal, Pilot.load(pilots, seed, progress), progress)
     design, longer = planner.plan()
     Check.require(planner.checks(design), str(file))
     report = PlanReport(planner, design, longer, presses)

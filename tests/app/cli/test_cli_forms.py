@@ -174,7 +174,7 @@ def test_failure_after_ctrl_c_is_reported(
 
 def test_quantities_need_their_unit() -> None:
     for text, base, value in (
-        ("8N", "N", 8.0), ("80 mN", "N", 0.08), ("90min", "s", 5400.0), ("1.5e1%", "1", 0.15),
+        ("8N", "N", 8.0), ("80 mN", "N", 0.08), ("90min", "s", 5400.0), ("1.5e1%", "%", 15.0),
     ):  # fmt: skip
         assert options.Quantity(base).convert(text, None, None) == pytest.approx(value)
     for text in ("8", "8kN", "-8N", "0N", "nanN", "infN", "N", "8 N m", "", "8%"):

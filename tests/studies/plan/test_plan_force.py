@@ -37,6 +37,7 @@ def planner(error_n: float = 0.5, time_s: float = 3600.0, **settings: object) ->
     return ForcePlanner(goal, Pilot(ErrorComponents.assume(0), {}))
 
 
+@pytest.mark.slow
 def test_plan_passes_check_and_repeats(few_places: None, tmp_path: Path) -> None:
     texts = []
     for name in ("a", "b", "c"):
