@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from deltact_fab.bench import Run, encode_png, open_run
+from deltact_fab.bench import Run, encode_png, load_protocol, open_run
 from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
 from deltact_fab.estimate import DeepestPress, RunMeasurement, ShapeResult, TrackingResult
 
@@ -55,7 +55,7 @@ def write_run_page(
     return write_page(
         out,
         "run.html",
-        _run_checks(warned, tracking, measured, shape),
+        [*plan_checks(run), *_run_checks(warned, tracking, measured, shape)],
         meta=run.meta,
         summary=run.summary(),
         simulated=run.simulated,
@@ -138,6 +138,43 @@ def write_imported_page(run: Run, out: Path) -> Path:
         ],
         known=html_table(pd.DataFrame(counts.items(), columns=["what", "value"])),
     )
+
+
+def plan_checks(run: Run) -> Iterator[Check]:
+    """Checks of a run that was planned: promised beside reached, and what was not as planned.
+
+    Reached is the error on presses to validate, of the last `calibrate force`.
+    """
+    promise = run.meta["protocol"].get("promise")
+    if promise is None:
+        return
+    unit, goal, (low, high) = promise["unit"], promise["goal"], promise["interval"]
+    text = (
+        f"Promised: {promise['measure']} to {promise['error']:.2g} {unit} [{low:.2g} to "
+        f"{high:.2g}], goal {goal:g} {unit} with chance {promise['chance']:.2g}. "
+    )
+    file = run.folder / "analysis" / "force.json"
+    reached = read_json(file).get("validation", {}).get("normal") if file.is_file() else None
+    if reached is None:
+        text += "Reached: unknown; run `calibrate force`."
+        yield Check("plan", value=text, status="warn")
+    else:
+        value, most = reached["value"], reached["high"]
+        span = "" if most is None else f" [{reached['low']:.2g} to {most:.2g}]"
+        kept = low <= value <= high
+        shown = "met" if value <= goal else "missed"
+        if most is not None and most <= goal:
+            shown = "shown"
+        text += f"Reached: {value:.2g} {unit}{span} over {reached['over']}; the goal is {shown}"
+        text += "." if kept else ", outside of what was promised."
+        yield Check("plan", value=text, status=graded(True, warns=shown != "shown" or not kept))
+    protocol, _ = load_protocol(str(run.folder / "protocol.toml"))
+    deviations = []
+    if protocol.digest != promise["digest"]:
+        deviations.append("The protocol was changed after it was planned.")
+    if run.skipped:
+        deviations.append(f"{len(run.skipped)} planned presses and changes were skipped.")
+    yield from Check.warnings("plan-deviation", deviations)
 
 
 def _run_checks(
