@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from deltact_fab.common import Array, InputError, Point2, Progress
+from deltact_fab.common import Array, InputError, Point, Point2, Progress, SolverError
 from deltact_fab.physics import Increments, ObservedChannels, choose_level, open_path
 from deltact_fab.sensor import (
     MAX_LINEAR_POISSON,
@@ -74,17 +74,25 @@ class GelFeatures:
     material: GelMaterial
     margin_mm: float
 
-    def wrenches(self, indenter: str, corners_mm: Sequence[tuple[float, float, float]]) -> Array:
-        """Wrenches (n, 6) on the sensor at the corners (x, y, z) of a path, from the second on."""
+    def wrenches(self, indenter: str, corners_mm: Sequence[Point], partial: bool = False) -> Array:
+        """Wrenches (n, 6) on the sensor at the corners (x, y, z) of a path, from the second on.
+
+        partial: return those before a corner that the gel does not reach, instead of its error.
+        """
         poisson = min(self.material.poisson, MAX_LINEAR_POISSON)
         material, tip = replace(self.material, poisson=poisson, prony=()), parse_indenter(indenter)
         skin, coarse = self.skin, Increments(math.inf, math.inf).poses(corners_mm)
         choice = choose_level(skin, material, tip, coarse, level="linear")
         poses = Increments(choice.step_mm, choice.step_mm).poses(corners_mm)
         solver = open_path(skin, material, tip, poses, ObservedChannels(), choice)
-        knots = zip(poses, solver.solve_all(), strict=True)
+        try:
+            solver.solve_all()
+        except (InputError, SolverError):
+            if not partial:
+                raise
+        knots = zip(poses, solver.knots, strict=False)
         ends = [knot.wrench for pose, knot in knots if pose.part == 1]
-        return self.material.modulus_mpa * np.array(ends)
+        return self.material.modulus_mpa * np.array(ends).reshape(-1, 6)
 
     def features(self, press: Candidate) -> Array:
         """Features (2, 9) of the model `inverse-placed` in N: of the press and of its drag's end.
@@ -108,9 +116,9 @@ class GelFeatures:
             tip.reach_mm, tip.equator_mm - _DEPTH_STEP_MM,
         )  # fmt: skip
         depths = np.arange(1, math.floor(deepest_mm / _DEPTH_STEP_MM + 1e-9) + 1) * _DEPTH_STEP_MM
-        forces = -self.wrenches(indenter, [(0.0, 0.0, 0.0), *((0.0, 0.0, -d) for d in depths)])[
-            :, 2
-        ]
+        corners: list[Point] = [(0.0, 0.0, 0.0), *((0.0, 0.0, -d) for d in depths.tolist())]
+        forces = -self.wrenches(indenter, corners, partial=True)[:, 2]
+        depths = depths[: len(forces)]
         depth_mm = float(np.interp(range_n, [0.0, *forces], [0.0, *depths]))
         if depth_mm * DEPTH_LEVELS[0] < _MIN_DEPTH_MM:
             least_n = float(np.interp(_MIN_DEPTH_MM / DEPTH_LEVELS[0], depths, forces))

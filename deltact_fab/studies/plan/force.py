@@ -58,6 +58,7 @@ FIT_COUNTS = (4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 80, 96, 128)
 WORSE_FACTOR = 1.03  # by hand: of the error, for which more presses are not worth their time
 PRESS_FEED_MM_S, FRAME_RATE_HZ = 0.5, 3.0
 """Definition: the default feeds of [motion]; the tip then moves 0.25 mm at most between frames."""
+RANGE_SHARE = 0.9  # by hand: of the range, below which the gel's depth is what limits the force
 _SECONDS_PER_HOUR = 3600.0  # definition
 
 
@@ -129,6 +130,11 @@ class ForcePlanner:
         self._rows, self._prior_mm2 = force_regressors(
             solve_features(self.gel, [*self.candidates, *self.validation], progress)
         )
+
+    @property
+    def largest_force_n(self) -> float:
+        """Largest normal force of the candidates."""
+        return float(-self._rows[..., -1, 0].min())
 
     @cached_property
     def _codes(self) -> tuple[Array, Array, Array]:

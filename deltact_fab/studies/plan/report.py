@@ -10,7 +10,7 @@ from typing import Any
 from deltact_fab.bench import SensorLedger
 from deltact_fab.common import Check, InputError, Progress, format_duration, write_new_file
 
-from .force import REFERENCE_EVERY, ForceDesign, ForceGoal, ForcePlanner, protocol_text
+from .force import RANGE_SHARE, REFERENCE_EVERY, ForceDesign, ForceGoal, ForcePlanner, protocol_text
 from .pilot import SETTLED_SHARE, Pilot
 from .prediction import SURE_CHANCE
 
@@ -48,6 +48,11 @@ class PlanReport:
             f"goal {goal.error_n:g} N: chance {prediction.chance(goal.error_n):.2f}",
             *(f"rests on: {line}" for line in planner.basis()),
         ]
+        if planner.largest_force_n < RANGE_SHARE * goal.range_n:
+            lines.append(
+                f"range {goal.range_n:g} N: not with these tips on this gel; "
+                f"{planner.largest_force_n:.2g} N is"
+            )
         if prediction.chance(goal.error_n) < SURE_CHANCE:
             lines.append(self._nearest)
         if len(planner.tips) == 1:
@@ -88,6 +93,7 @@ class PlanReport:
             **promise.model_dump(mode="json"),
             "tips": list(planner.tips),
             "fit": design.presses,
+            "largest_force_n": planner.largest_force_n,
             "validate": len(planner.validation),
             "settle_s": planner.settle_s,
             "relaxation": planner.relaxation[1],

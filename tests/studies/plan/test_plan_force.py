@@ -122,6 +122,19 @@ def test_longer_plan_is_told_by_time(few_places: None) -> None:
     assert f"or {goal_n:g} N in " in PlanReport(short, design, longer).lines[-2]
 
 
+@pytest.mark.slow
+def test_range_beyond_the_gel_is_told(few_places: None) -> None:
+    plan = planner()
+    design = plan.design(4)
+    assert plan.largest_force_n == pytest.approx(4.0, rel=0.05)
+    assert not any(line.startswith("range ") for line in PlanReport(plan, design).lines)
+    goal = ForceGoal("night", "virtual", 300.0, 0.5, 3600.0, ("sphere:10",))
+    plan = ForcePlanner(goal, plan.pilot)
+    line = next(line for line in PlanReport(plan, design).lines if line.startswith("range "))
+    assert f"range 300 N: not with these tips on this gel; {plan.largest_force_n:.2g} N is" in line
+    assert 10 < plan.largest_force_n < 30
+
+
 def test_time_too_short_is_refused(few_places: None) -> None:
     with pytest.raises(InputError, match=r"--time 30 s: the smallest plan, 4 presses.*takes "):
         planner(time_s=30.0).plan()
@@ -191,3 +204,5 @@ def test_depth_follows_the_range() -> None:
     force_n = -GEL.wrenches("sphere:10", [(0, 0, 0), (0, 0, -depth_mm)])[0, 2]
     assert force_n == pytest.approx(4.0, rel=0.02)
     assert GEL.largest_depth_mm("sphere:10", 1e4) == pytest.approx(3.0)
+    # The contact of a small ball reaches its rim before that.
+    assert 2.0 < GEL.largest_depth_mm("sphere:6", 1e4) < 2.7
