@@ -17,12 +17,14 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltact_fab.common import InputError
 
 DIFFERENCE_LEVEL = 0.95  # definition: of the interval of a difference
 EQUIVALENCE_LEVEL = 0.9  # definition: of the interval of two one-sided tests at 5 %
 DECISION_CHANCE = 0.8  # by hand: the usual power of a planned comparison
+RATIO_QUANTILES = 64  # by hand: a chance is then exact to 0.001
 MAX_UNITS = 1000  # by hand: nobody makes more sensors to compare two kinds
 
 Outcome = Literal["a smaller", "b smaller", "equal", "undecided"]
@@ -124,35 +126,48 @@ class UnitDifference:
 
 def chance_of_difference(effect: float, spread: float, units: int, *, paired: bool) -> float:
     """Power of the t test for a true difference. units: a side; spread: between units."""
-    from scipy.special import nctdtr, stdtrit
-
     if units < 2:
         return 0.0
     if spread == 0:
         return float(effect != 0)
-    freedom, error = _design(spread, units, paired)
-    critical = float(stdtrit(freedom, (1 + DIFFERENCE_LEVEL) / 2))
-    below, above = nctdtr(freedom, abs(effect) / error, [-critical, critical])
-    return float(1 - np.nan_to_num(above) + np.nan_to_num(below))  # nan: far out in a tail
+    from scipy.special import nctdtr
+
+    freedom, error, critical = _design(spread, units, paired, DIFFERENCE_LEVEL)
+    below, above = (nctdtr(freedom, abs(effect) / error, end) for end in (-critical, critical))
+    return float(np.mean(1 - np.nan_to_num(above) + np.nan_to_num(below)))  # nan: far in a tail
 
 
 def chance_of_equality(
     effect: float, spread: float, units: int, margin: float, *, paired: bool
 ) -> float:
     """Power of the two one-sided tests, for a true difference; Phillips 1990, as a lower bound."""
-    from scipy.special import nctdtr, stdtrit
-
     if units < 2 or abs(effect) >= margin:
         return 0.0
     if spread == 0:
         return 1.0
-    freedom, error = _design(spread, units, paired)
-    critical = float(stdtrit(freedom, (1 + EQUIVALENCE_LEVEL) / 2))
+    from scipy.special import nctdtr
+
+    freedom, error, critical = _design(spread, units, paired, EQUIVALENCE_LEVEL)
     above = nctdtr(freedom, (effect - margin) / error, -critical)
     below = nctdtr(freedom, (effect + margin) / error, critical)
-    return max(float(np.nan_to_num(above) - np.nan_to_num(below)), 0.0)
+    return float(np.mean(np.maximum(np.nan_to_num(above) - np.nan_to_num(below), 0.0)))
 
 
-def _design(spread: float, units: int, paired: bool) -> tuple[float, float]:
-    """Degrees of freedom, and standard error of the difference, with this many units a side."""
-    return (units - 1) * (1 if paired else 2), spread * math.sqrt((1 if paired else 2) / units)
+def _design(
+    spread: float, units: int, paired: bool, level: float
+) -> tuple[float, float, NDArray[np.float64]]:
+    """Degrees of freedom and standard error of t with so many units a side, and critical values.
+
+    Welch's test has as many equally likely critical values as RATIO_QUANTILES: by its degrees of
+    freedom, which follow from the ratio of two sample variances. For sides of equal spread that
+    ratio is independent of their sum, so t has 2 (units - 1) degrees of freedom for each of them.
+    """
+    from scipy.special import betaincinv, stdtrit
+
+    free, tail = units - 1, (1 + level) / 2
+    if paired:
+        return free, spread / math.sqrt(units), np.array([stdtrit(free, tail)])
+    middles = (np.arange(RATIO_QUANTILES) + 0.5) / RATIO_QUANTILES
+    share = betaincinv(free / 2, free / 2, middles)  # of one variance in the sum
+    critical = stdtrit(free / (share**2 + (1 - share) ** 2), tail)
+    return 2 * free, spread * math.sqrt(2 / units), np.asarray(critical)

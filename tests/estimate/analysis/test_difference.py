@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 from statsmodels.stats.power import TTestIndPower, TTestPower
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
-from deltact_fab.common import InputError
+from benchmarks import compare_trials
+from deltact_fab.common import InputError, read_json
 from deltact_fab.estimate.analysis.difference import (
     UnitDifference,
     chance_of_difference,
@@ -55,9 +57,11 @@ def test_shared_units_are_paired() -> None:
 def test_power_is_that_of_statsmodels(effect: float, n: int) -> None:
     two, one = TTestIndPower(), TTestPower()
     if abs(effect) < 2:  # the peer gives nan far in a tail
-        assert chance_of_difference(effect, 0.4, n, paired=False) == pytest.approx(
-            two.power(abs(effect) / 0.4, n, 0.05), abs=1e-6
-        )
+        # The peer's test takes the spreads for equal, which gains a little with few units.
+        pooled = two.power(abs(effect) / 0.4, n, 0.05)
+        found = chance_of_difference(effect, 0.4, n, paired=False)
+        assert pooled - 0.15 < found < pooled + 1e-6
+        assert found == pytest.approx(pooled, abs=2 / n**2)
         assert chance_of_difference(effect, 0.4, n, paired=True) == pytest.approx(
             one.power(abs(effect) / 0.4, n, 0.05), abs=1e-6
         )
@@ -82,6 +86,30 @@ def test_chance_of_equality_is_reached(effect: float, paired: bool) -> None:
     assert found / 1500 == pytest.approx(chance, abs=4 * math.sqrt(0.25 / 1500))
 
 
+@pytest.mark.parametrize(("n", "effect"), [(2, 5.0), (3, 3.0), (5, 2.0), (10, 1.3)])
+def test_power_of_welch_is_reached(n: int, effect: float) -> None:
+    """Share of drawn comparisons that find a planted difference."""
+    rng, trials = np.random.default_rng(n), 2000
+    found = 0
+    for _ in range(trials):
+        x, y = units(rng.normal(effect, 1.0, n), "a"), units(rng.normal(0.0, 1.0, n), "b")
+        low, high = UnitDifference.from_units(x, y, relative=False).interval()
+        found += low > 0 or high < 0
+    chance = chance_of_difference(effect, 1.0, n, paired=False)
+    assert found / trials == pytest.approx(chance, abs=4 * math.sqrt(0.25 / trials))
+
+
+@pytest.mark.parametrize("measure", compare_trials.POOL_MEASURES)
+def test_pool_of_sensors_is_compared_fairly(measure: str) -> None:
+    """At most 16 of 200 trials of one kind differ; a planted difference is found as told."""
+    pool = np.array(read_json(compare_trials.POOL_FILE)[measure])
+    assert len(pool) >= 60
+    assert compare_trials.count_differing(pool, 1.0, 61) <= 16
+    factor, chance = compare_trials.planted(pool)
+    low, high = binom.interval(0.95, compare_trials.TRIALS, chance)
+    assert low <= compare_trials.count_differing(pool, factor, 62) <= high
+
+
 def test_outcomes_follow_the_figures() -> None:
     a, b = units(X, "a"), units(X + 3, "b")
     assert UnitDifference.from_units(a, b, relative=False).outcome(0.1) == "a smaller"
@@ -98,7 +126,7 @@ def test_units_needed_would_decide() -> None:
     assert n is not None
     assert n > 5
     peer = TTestIndPower().solve_power(0.1 / found.spread, power=0.8, alpha=0.05)
-    assert n == math.ceil(peer)
+    assert n - math.ceil(peer) in (0, 1)  # the peer takes the spreads for equal
     larger = UnitDifference(0.3, 0.08, 8.0, (5, 5), paired=False, relative=True)
     assert (larger.units_needed(0.02) or 0) < n
     none = UnitDifference(0.02, 5.0, 8.0, (5, 5), paired=False, relative=True)

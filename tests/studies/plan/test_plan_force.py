@@ -58,6 +58,7 @@ def test_plan_passes_check_and_repeats(few_places: None, tmp_path: Path) -> None
     assert request.estimate().seconds == report.data["estimate"]["seconds"] <= 3600
 
 
+@pytest.mark.slow
 def test_promise_names_its_plan(few_places: None, tmp_path: Path) -> None:
     plan = planner()
     promised = plan.promised(plan.design(4))

@@ -32,7 +32,7 @@ def test_pilot_tells_the_sensor(tmp_path: Path) -> None:
     file = tmp_path / "pilot.toml"
     file.write_text(PILOT)
     run_experiment(RunRequest(str(file), "virtual", tmp_path / "run"))
-    pilot = Pilot.read([tmp_path / "run"], 0)
+    pilot = Pilot.load([tmp_path / "run"], 0)
     assert pilot.tips == ("sphere:10",)
     assert pilot.presses == 4
     assert pilot.modulus_mpa == pytest.approx(0.56, rel=0.05)
@@ -51,6 +51,6 @@ def test_pilot_tells_the_sensor(tmp_path: Path) -> None:
 
 
 def test_no_pilot_assumes_everything() -> None:
-    pilot = Pilot.read([], 0)
+    pilot = Pilot.load([], 0)
     assert set(pilot.components.basis.values()) == {"assumed"}
     assert pilot.modulus_mpa is pilot.prony is None
