@@ -10,17 +10,22 @@ from typing import Any
 import numpy as np
 
 from deltact_fab.bench.rig.config import FiniteGelConfig
+from deltact_fab.common.aliases import Array
 from deltact_fab.physics.gel.level import Reach
 from deltact_fab.physics.gel.level_selection import select_level
 from deltact_fab.physics.gel.path.open import open_contact
 from deltact_fab.sensor.elasticity.material import GelMaterial
 from deltact_fab.sensor.shapes.indenter import parse_indenter
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
-from deltact_fab.studies.numerics.engines.gel import rms_mm
 
 CAPS = (8_000, 16_000, 32_000)  # the first is the rig file's default
 REACH_MM = 10.0  # of the paper's pattern selection: depth, and drags each way
 FINER_STEPS = 2  # increments of the finer solve to one of the path
+
+
+def rms_mm(vectors_mm: Array) -> float:
+    """Root mean square length of in-plane vectors (ny, nx, 2)."""
+    return math.sqrt(float((vectors_mm**2).sum(axis=-1).mean()))
 
 
 @dataclass(frozen=True)

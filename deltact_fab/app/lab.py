@@ -148,7 +148,8 @@ def protocol(
         f"    deltact-fab run {name} --rig virtual --out {name}-run",
     )
     fitted = (f"Fitted to design {design!r}: {line}." for line in changes)
-    text = commented_toml(FILE_KINDS["protocol"], settings, (*about, *fitted))
+    # A promise is of one plan.
+    text = commented_toml(FILE_KINDS["protocol"], settings, (*about, *fitted), None, ("promise",))
     return _write("protocol", name, out, text), changes
 
 

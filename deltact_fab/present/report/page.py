@@ -159,15 +159,16 @@ def plan_checks(run: Run) -> Iterator[Check]:
         text += "Reached: unknown; run `calibrate force`."
         yield Check("plan", value=text, status="warn")
     else:
-        value, most = reached["value"], reached["high"]
-        span = "" if most is None else f" [{reached['low']:.2g} to {most:.2g}]"
-        kept = low <= value <= high
-        shown = "met" if value <= goal else "missed"
-        if most is not None and most <= goal:
-            shown = "shown"
-        text += f"Reached: {value:.2g} {unit}{span} over {reached['over']}; the goal is {shown}"
-        text += "." if kept else ", outside of what was promised."
-        yield Check("plan", value=text, status=graded(True, warns=shown != "shown" or not kept))
+        value, upper = reached["value"], reached["high"]
+        span = "" if upper is None else f" [{reached['low']:.2g} to {upper:.2g}]"
+        promised = low <= value <= high
+        result = "met" if value <= goal else "missed"
+        if upper is not None and upper <= goal:
+            result = "shown"
+        text += f"Reached: {value:.2g} {unit}{span} over {reached['over']}; the goal is {result}"
+        text += "." if promised else ", outside of what was promised."
+        warns = result != "shown" or not promised
+        yield Check("plan", value=text, status=graded(True, warns=warns))
     protocol, _ = load_protocol(str(run.folder / "protocol.toml"))
     deviations = []
     if protocol.digest != promise["digest"]:

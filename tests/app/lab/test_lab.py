@@ -96,6 +96,7 @@ def test_commented_values_are_defaults(here: Path) -> None:
     full = uncommented(re.sub(examples, "", protocol))
     assert catalog.validate(plan.Protocol, tomllib.loads(full), "f") == plan.load_protocol("own")[0]
     assert full.count(" = ") > 20
+    assert "promise" not in protocol
 
     design = uncommented(lab.design("own-design", "skin-44x40").read_text())
     Path("full.toml").write_text(design)

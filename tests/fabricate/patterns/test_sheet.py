@@ -56,6 +56,7 @@ def test_recipe_takes_a_sensor_s_size():
         dotted.fitted((15.0, 14.0), (24.0, 22.0))
 
 
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
 def test_sheet_begins_with_the_verdict(tmp_path):
     made = sheet.write_sheet([PLAIN], tmp_path / "s.pdf", verdict="mine: 1/1 checks passed.")
     said = subprocess.run(["pdftotext", made.out, "-"], capture_output=True, text=True, check=True)
