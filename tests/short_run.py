@@ -15,6 +15,16 @@ from deltact_fab.bench.record.journal import PRESS_TABLES
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 
+# Tail of a protocol: quick moves, short waits.
+QUICK = """[capture]
+settle_s = 0.3
+[motion]
+clearance_mm = 2.0
+press_feed_mm_min = 120.0
+travel_feed_mm_min = 1200.0
+[specimen]
+design = "{design}"
+"""
 # Two positions of two indenters, so that a resume may start after a change or after a press.
 PROTOCOL = """
 name = "tiny"
@@ -33,7 +43,8 @@ design = "{design}"
 """
 # 24 presses in random order, with repeats, a drag, two depths at one place, a tip that is mounted
 # twice, and reference presses.
-MIXED = """
+MIXED = (
+    """
 name = "mixed"
 order = "random"
 order_seed = 3
@@ -51,15 +62,9 @@ press = [
 [reference]
 every = 4
 depth_mm = 0.4
-[capture]
-settle_s = 0.3
-[motion]
-clearance_mm = 2.0
-press_feed_mm_min = 120.0
-travel_feed_mm_min = 1200.0
-[specimen]
-design = "{design}"
 """
+    + QUICK
+)
 DESIGN = """
 [optics]
 image_width_px = 160

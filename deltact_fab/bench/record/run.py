@@ -231,7 +231,7 @@ class Run:
 
         "fit", "validate" or "reference".
         """
-        rows, skipped = self.meta.get("presses", []), self.skipped
+        rows, skipped = self.meta.get("presses", []), {*self.skipped}
         return {press["name"]: press["role"] for press in rows if press["name"] not in skipped}
 
     def decisions(self) -> list[dict[str, Any]]:

@@ -173,8 +173,8 @@ def plan_checks(run: Run) -> Iterator[Check]:
     deviations = []
     if protocol.digest != promise["digest"]:
         deviations.append("The protocol was changed after it was planned.")
-    if run.skipped:
-        deviations.append(f"{len(run.skipped)} planned presses and changes were skipped.")
+    if skipped := len(run.skipped):
+        deviations.append(f"{skipped} planned presses and changes were skipped.")
     yield from Check.warnings("plan-deviation", deviations)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from short_run import ShortRun
+from short_run import QUICK, ShortRun
 
 from deltact_fab.app.cli.analyze import compare
 from deltact_fab.bench.record.run import open_run
@@ -24,7 +24,8 @@ from deltact_fab.estimate.analysis.tracking_error.follow import TrackingPlan, an
 from deltact_fab.simulate.experiment.request import RunRequest
 from deltact_fab.simulate.experiment.session import run_experiment
 
-PROTOCOL = """
+PROTOCOL = (
+    """
 name = "few"
 channels = ["image", "force", "shear"]
 press = [
@@ -35,15 +36,9 @@ press = [
 [reference]
 every = 1
 depth_mm = 0.4
-[capture]
-settle_s = 0.3
-[motion]
-clearance_mm = 2.0
-press_feed_mm_min = 120.0
-travel_feed_mm_min = 1200.0
-[specimen]
-design = "{design}"
 """
+    + QUICK
+)
 POPULATION = "[virtual.population]\nmodulus = 0.1\nthickness_mm = 0.2\nlight = 0.1\n"
 Lab = Callable[[int, str | None], Path]
 Runs = dict[int, Path]

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from called import called, started
-from short_run import ShortRun
+from short_run import QUICK, ShortRun
 
 from deltact_fab.bench.record.check import check_run
 from deltact_fab.bench.record.journal import PRESS_TABLES, read_press_rows
@@ -35,14 +35,6 @@ press = [
 [reference]
 every = 5
 depth_mm = 0.4
-[capture]
-settle_s = 0.3
-[motion]
-clearance_mm = 2.0
-press_feed_mm_min = 120.0
-travel_feed_mm_min = 1200.0
-[specimen]
-design = "{{design}}"
 """
 ROW = '{{{{indenter = "sphere:8", x_mm = {}, y_mm = {}, depth_mm = {}, role = "{}"}}}},'
 PLACES = [(x, y) for y in (-2.1, 2.4) for x in (-4.0, -2.5, -0.9, 0.8, 2.4, 3.9)]
@@ -56,7 +48,7 @@ GOAL = "normal 2N"
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> ShortRun:
     folder = tmp_path_factory.mktemp("until")
-    return ShortRun(folder, PROTOCOL.format(presses="\n    ".join(PRESSES)))
+    return ShortRun(folder, PROTOCOL.format(presses="\n    ".join(PRESSES)) + QUICK)
 
 
 def carry_out(short: ShortRun, out: Path, goal: str | None = None, **how: Any) -> dict[str, Any]:

@@ -170,8 +170,9 @@ def gather_data(
     jobs = [
         (str(run.folder), label, press)
         for run, label in zip(runs, run_labels(runs), strict=True)
+        for roles in (run.press_roles(),)
         for press in presses(run)
-        if run.press_roles().get(press) != "reference"
+        if roles.get(press) != "reference"
     ]
     titles = [press for _, _, press in jobs]
     work = partial(_measure_job, names=tuple(names), view=view)
