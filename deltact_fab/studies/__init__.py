@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .plan.report import plan_force
     from .sequential.looks import GoalLooks
     from .study.registry import STUDIES, Study, StudyRequest, find_study, run_study
+    from .trial.report import try_plan
     # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

@@ -9,7 +9,16 @@ from typing import Any
 import click
 
 from .group import CommandGroup
-from .options import NAME_OR_PATH, PATH_TYPE, RIG_OPTION, Quantity, out_file, seed
+from .options import (
+    JOBS_OPTION,
+    NAME_OR_PATH,
+    ON_OPTION,
+    PATH_TYPE,
+    RIG_OPTION,
+    Quantity,
+    out_file,
+    seed,
+)
 from .output import Answer, answers, files_line, progress
 
 
@@ -80,3 +89,31 @@ def force(
             unattended=unattended, seed=seed, progress=report,
         )  # fmt: skip
     return Answer({**result.data, "file": str(out)}, [*result.lines, files_line([out])])
+
+
+@click.command("try", epilog="Example: deltact-fab protocol try night --rig sensors.toml")
+@click.argument("plan_name", metavar="PLAN", type=NAME_OR_PATH)
+@RIG_OPTION
+@click.option("--times", type=click.IntRange(2, 1000), default=100, show_default=True,
+              metavar="N", help="Number of sensors that are drawn.")  # fmt: skip
+@click.option("--gel", type=click.Choice(["linear", "hyperelastic"]), default="linear",
+              show_default=True, help="Gel that is pressed; a plan's is linear.")  # fmt: skip
+@JOBS_OPTION
+@ON_OPTION
+@answers
+def try_(plan_name: str, rig_name: str, times: int, gel: Any, jobs: int | None, on: str) -> Answer:
+    """Try a plan on virtual sensors that are drawn from the rig's [virtual.population].
+
+    Ten sensors are tracked in images of all presses. The others have images of every 16th, and else
+    the true flow with the noise that images gave; both are compared. The same command goes on
+    where a stopped one was.
+    """
+    from deltact_fab.common import open_executor
+    from deltact_fab.studies import try_plan
+
+    with open_executor(on, jobs) as executor, progress("try") as tick:
+        report = try_plan(
+            plan_name, rig_name, times, gel, executor, tick,
+            lambda text: click.echo(text, err=True),
+        )  # fmt: skip
+    return Answer(report.as_dict(), report.lines)

@@ -15,7 +15,7 @@ from .group import CommandGroup
 from .old_keys import of_protocol
 from .options import NAME_OR_PATH, NEW_FILE, RIG_OPTION, out_folder
 from .output import Answer, answers, check_lines, columns_of, file_note, listing, progress
-from .plan import plan
+from .plan import plan, try_
 
 PAPER_REMARK = (
     "the paper's depth of 10 mm needs about 271 N with a sphere of 15 mm (predicted, at 0.56 MPa "
@@ -65,6 +65,7 @@ def new(name: str, source: str, design: str | None, out: Path | None) -> Answer:
 
 
 protocol.add_command(plan)
+protocol.add_command(try_)
 
 
 @protocol.command(epilog="Example: deltact-fab protocol check smoke --rig virtual")

@@ -9,7 +9,7 @@ images exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,12 +22,14 @@ from deltact_fab.bench import Protocol, Step, VirtualConfig, expand_protocol
 from deltact_fab.common import Field, SolverError
 from deltact_fab.estimate import PatternDots, TrueFrame
 from deltact_fab.fabricate import PatternRecipe
-from deltact_fab.physics import CONTACT_EPS_MM, Increments
+from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot
 from deltact_fab.sensor import FlatField, Pinhole, Rectified, SeenFace, SensorDimensions
 from deltact_fab.simulate import (
+    NOMINAL_SENSOR,
     FrameRenderer,
     Presses,
     PressPath,
+    SensorDraw,
     VirtualKind,
     crop_lattice,
     picture_geometry,
@@ -73,24 +75,30 @@ class PressStream:
         sensor: SensorDimensions,
         config: VirtualConfig,
         source: Path = Path("rig.toml"),
+        draw: SensorDraw = NOMINAL_SENSOR,
+        knots: Sequence[SolvedKnot] | None = None,
     ) -> None:
-        """press: as `sphere-10/p1`. source: of the rig file, for the paths in it.
+        """press: as `sphere-10/p1`. source: of the rig file, for the paths in it. draw: of the
+        sensor. knots: of the press, for 1 MPa, instead of solving it.
 
         Raises SolverError and InputError where the gel cannot be solved.
         """
         self.protocol, self.config, self.sensor, self.press = protocol, config, sensor, press
-        presses = Presses(protocol, sensor.skin, config.virtual.gel)
+        presses = Presses(draw.protocol(protocol), draw.skin(sensor.skin), config.virtual.gel)
         self.path = presses.path(press)
         self.increments = presses.increments
         self.solver = presses.planned_press(self.path).solver
-        self.solver.solve_all()
-        kind = VirtualKind(config, source)
+        if knots is None:
+            self.solver.solve_all()
+        self.knots = self.solver.knots if knots is None else knots
+        self._draw, self._modulus_mpa = draw, presses.modulus_mpa
+        kind = VirtualKind(config, source, draw.number)
         view, self._flat = kind.camera(protocol, sensor), kind.flat(protocol)
         assert view is not None, "the protocol has images"
         self.view: Pinhole | Rectified = view
-        self._crop = crop_lattice(config, sensor, self.solver.axes_mm)
+        self._crop = crop_lattice(config, sensor, self.solver.axes_mm, draw)
         lattice = self._crop.lattice
-        self.geometry, lens = picture_geometry(config, sensor, view, lattice)
+        self.geometry, lens = picture_geometry(config, sensor, view, lattice, draw)
         self.face = SeenFace(view, lattice, lens)
         self._knot: list[tuple[int, NDArray[Any]]] = [(-1, np.zeros(0))] * 2
 
@@ -107,21 +115,33 @@ class PressStream:
         in_view = TrueFrame.imaged_pixels(self.view)
         zeros = np.zeros((*in_view.shape, 2))
         for number, moment in enumerate(self.moments if chosen is None else chosen):
-            u_mm = None
-            if moment.a or moment.b:  # linear between knots of float32, as in the rig's scene
-                first = self._field(moment.a).astype(float)
-                u_mm = np.asarray(
-                    first + moment.fraction * (self._field(moment.b).astype(float) - first)
-                )
-            true = None
+            u_mm, true = self.displacement_mm(moment), None
             if number:
                 flow, in_plane = (zeros, zeros) if u_mm is None else self.face.motion(u_mm)
                 true = TrueFrame.from_flow(flow, in_plane, in_view, self.view.mm_per_px)
             yield FaceFrame(number, moment, self.geometry.material_px(u_mm), u_mm, true)
 
+    def displacement_mm(self, moment: FrameMoment) -> Field | None:
+        """Displacement (ny, nx, 3) of the face at a moment; None at rest."""
+        if not (moment.a or moment.b):
+            return None
+        # Linear between knots of float32, as in the rig's scene.
+        first, second = (self._field(knot).astype(float) for knot in (moment.a, moment.b))
+        return np.asarray(first + moment.fraction * (second - first))
+
+    def wrench(self, moment: FrameMoment) -> Field:
+        """True wrench (6,) on the sensor at a moment, N and N mm."""
+        first, second = (
+            np.array(self.knots[knot - 1].wrench) if knot else np.zeros(6)
+            for knot in (moment.a, moment.b)
+        )
+        return np.asarray(self._modulus_mpa * (first + moment.fraction * (second - first)))
+
     def picture(self, recipe: PatternRecipe, seed: int) -> FrameRenderer:
         """Renderer of the gel with a printed pattern, as in a run of the rig with that seed."""
-        return FrameRenderer.printed(self.geometry, self.config.virtual, recipe, seed)
+        return FrameRenderer.printed(
+            self.geometry, self.config.virtual, recipe, seed, self._draw
+        )  # fmt: skip
 
     def noise(self, seed: int) -> np.random.Generator:
         """Noise generator for `FrameRenderer.expose`; one per pattern, from the first frame on."""
@@ -151,7 +171,7 @@ class PressStream:
             lattice = self._crop.lattice
             field = np.zeros((lattice.ny, lattice.nx, 3), np.float32)
         else:
-            full_field = self.solver.knots[knot - 1].displacement_mm
+            full_field = self.knots[knot - 1].displacement_mm
             if full_field is None:
                 raise SolverError(f"{self.press}: knot {knot} has no displacement of the face")
             field = self._crop(full_field)

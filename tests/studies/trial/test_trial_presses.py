@@ -1,0 +1,137 @@
+"""Presses on drawn sensors: interpolated gels against their own solution, noise against images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deltact_fab.bench import VirtualConfig
+from deltact_fab.common import find_file
+from deltact_fab.common.errors import InputError
+from deltact_fab.estimate import FaceFlow
+from deltact_fab.simulate import RunRequest
+from deltact_fab.studies.study.stream import PressStream
+from deltact_fab.studies.trial.flows import StopNoise, draw_stops, settled_stops, true_shift_mm
+from deltact_fab.studies.trial.gels import DrawnPress, _lagrange
+from deltact_fab.studies.trial.report import try_plan
+
+POPULATION = """
+[virtual.population]
+modulus = 0.08
+poisson = 0.004
+thickness_mm = 0.2
+sticker_mm = 0.2
+camera_mm = 0.1
+"""
+PRESS = '{{indenter = "sphere:10", x_mm = {}, y_mm = {}, depth_mm = {}, shear_x_mm = {}{}}}'
+FIT = [(2.0, 1.0, 0.8, 0.2), (-4.0, 3.0, 0.6, -0.2), (0.0, -3.0, 0.7, 0.1), (5.0, 0.0, 0.8, -0.1)]
+TEST = [(3.0, -2.0, 0.7, 0.15), (-2.0, -1.0, 0.8, 0.1)]
+KEYS = """
+name = "tried"
+channels = ["image", "force", "shear"]
+press = [{}]
+[capture]
+rate_hz = 3.0
+settle_s = 1.0
+"""
+PROMISE = """
+[promise]
+measure = "normal force"
+unit = "N"
+goal = 0.1
+error = 0.05
+interval = [0.01, 0.2]
+chance = 0.9
+"""
+
+
+def write(folder: Path, promise: str = PROMISE, population: str = POPULATION) -> tuple[str, str]:
+    """Write a plan and a rig with a coarse gel."""
+    rows = [PRESS.format(*press, "") for press in FIT]
+    rows += [PRESS.format(*press, ', role = "validate"') for press in TEST]
+    plan, rig = folder / "tried.toml", folder / "sensors.toml"
+    plan.write_text(KEYS.format(", ".join(rows)) + promise)
+    text = find_file("rigs", "virtual").read_text()
+    rig.write_text(text.replace("[virtual.gel]", "[virtual.gel]\nspacing_mm = 1.0") + population)
+    return str(plan), str(rig)
+
+
+def drawn(folder: Path, level: str = "linear") -> DrawnPress:
+    request = RunRequest(*write(folder))
+    assert isinstance(request.rig, VirtualConfig)
+    return DrawnPress(
+        request.protocol, "sphere-10/p1", request.design, request.rig, request.rig_path,
+        level,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def test_quadratic_through_three_gels() -> None:
+    nodes = [0.49, 0.482, 0.498]
+    values = [3 * x**2 - x + 1 for x in nodes]
+    for x in (0.475, 0.4885, 0.49, 0.499):
+        weights = [*_lagrange(nodes, x)]
+        assert np.dot(weights, values) == pytest.approx(3 * x**2 - x + 1, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_interpolated_gel_equals_its_solution(tmp_path: Path) -> None:
+    press = drawn(tmp_path)
+    for number in (1, 4):
+        between = press.on_sensor(number)
+        solved = PressStream(
+            between.protocol, press.press, press.sensor, press.rig, press.source,
+            draw=press.draw(number),
+        )  # fmt: skip
+        _, moment = settled_stops(between)[-1]
+        first, second = (stream.displacement_mm(moment) for stream in (between, solved))
+        assert np.abs(first - second).max() < 2e-3
+        np.testing.assert_allclose(
+            between.wrench(moment), solved.wrench(moment), rtol=2e-3, atol=5e-3
+        )
+
+
+@pytest.mark.slow
+def test_noise_moves_to_the_place(tmp_path: Path) -> None:
+    stream = drawn(tmp_path).on_sensor(1)
+    kinds = [kind for kind, _ in settled_stops(stream)]
+    assert kinds == ["travel", "press", "shear"]
+    true_mm = [true_shift_mm(stream, moment) for _, moment in settled_stops(stream)]
+    h, w = true_mm[0].shape[:2]
+    error = np.zeros((h, w, 2), np.float32)
+    error[h // 2, w // 2] = 1.0
+    pool = [StopNoise(kind, (0.0, 0.0), 0.1, error, np.ones((h, w), bool)) for kind in kinds]
+    flows = draw_stops(stream, pool, np.random.default_rng(0))
+    for flow, mm in zip(flows, true_mm, strict=True):
+        noise = np.asarray(flow.shift_mm - mm)[..., 0]
+        row, column = np.unravel_index(noise.argmax(), noise.shape)
+        assert abs(flow.x_mm[column] - flow.x_mm[w // 2] - 2.0) < flow.cell_mm
+        assert abs(flow.y_mm[row] - flow.y_mm[h // 2] - 1.0) < flow.cell_mm
+    assert isinstance(flows[0], FaceFlow)
+
+
+@pytest.mark.slow
+def test_trial_of_a_plan(tmp_path: Path) -> None:
+    spoken: list[str] = []
+    plan, rig = write(tmp_path)
+    trial = try_plan(plan, rig, 12, say=spoken.append)
+    assert spoken[0].startswith("6 presses on 12 sensors, ")
+    assert len(trial.errors) == 12
+    assert len(trial.by_images) == 10
+    assert 0 < max(trial.errors.values()) < 0.5
+    value, low, high = trial.ratio
+    assert abs(value) < 0.5
+    assert low < value < high
+    again = try_plan(plan, rig, 12)
+    assert again.errors == trial.errors
+
+
+@pytest.mark.parametrize(
+    ("promise", "population", "says"),
+    [("", POPULATION, r"tried.toml: no \[promise\]"),
+     (PROMISE, "", r"sensors.toml has no \[virtual.population\]")],
+)  # fmt: skip
+def test_faulty_trial_is_refused(tmp_path: Path, promise: str, population: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        try_plan(*write(tmp_path, promise, population), 2)
