@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .virtual.fault_bench import FaultBench, FaultScenario
     from .virtual.photographs import take_photographs
     from .virtual.picture import FrameRenderer, PictureGeometry
-    from .virtual.population import NOMINAL_SENSOR, SensorDraw
+    from .virtual.population import SensorDraw
     from .virtual.presolve import PressRow, solve_presses
     from .virtual.presses import PressPath, Presses, require_gel_level
     from .virtual.rig import VirtualKind, VirtualRig

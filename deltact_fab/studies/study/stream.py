@@ -25,7 +25,6 @@ from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.physics import CONTACT_EPS_MM, Increments, SolvedKnot
 from deltact_fab.sensor import FlatField, Pinhole, Rectified, SeenFace, SensorDimensions
 from deltact_fab.simulate import (
-    NOMINAL_SENSOR,
     FrameRenderer,
     Presses,
     PressPath,
@@ -75,15 +74,16 @@ class PressStream:
         sensor: SensorDimensions,
         config: VirtualConfig,
         source: Path = Path("rig.toml"),
-        draw: SensorDraw = NOMINAL_SENSOR,
+        draw: SensorDraw | None = None,
         knots: Sequence[SolvedKnot] | None = None,
     ) -> None:
         """press: as `sphere-10/p1`. source: of the rig file, for the paths in it. draw: of the
-        sensor. knots: of the press, for 1 MPa, instead of solving it.
+        sensor, None: the nominal one. knots: of the press, for 1 MPa, instead of solving it.
 
         Raises SolverError and InputError where the gel cannot be solved.
         """
         self.protocol, self.config, self.sensor, self.press = protocol, config, sensor, press
+        draw = draw or SensorDraw()
         presses = Presses(draw.protocol(protocol), draw.skin(sensor.skin), config.virtual.gel)
         self.path = presses.path(press)
         self.increments = presses.increments

@@ -75,11 +75,11 @@ def draw_stops(
     for kind, moment in settled_stops(stream):
         true_mm = true_shift_mm(stream, moment)
         peak_mm = _peak(true_mm)
-        alike = sorted(
+        similar = sorted(
             (noise for noise in pool if noise.kind == kind),
             key=lambda noise: abs(noise.motion_mm - peak_mm),
         )[:SIMILAR_STOPS]
-        noise = alike[int(rng.integers(len(alike)))]
+        noise = similar[int(rng.integers(len(similar)))]
         nodes = [
             round((a - b) / float(axis[1] - axis[0]))
             for a, b, axis in zip(stream.path.at_mm, noise.at_mm, (x_mm, y_mm), strict=True)

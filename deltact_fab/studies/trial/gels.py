@@ -17,7 +17,7 @@ import numpy as np
 from deltact_fab.bench import Protocol, VirtualConfig
 from deltact_fab.physics import GelLevel, SolvedKnot, poisson_limit
 from deltact_fab.sensor import SensorDimensions
-from deltact_fab.simulate import NOMINAL_SENSOR, SensorDraw
+from deltact_fab.simulate import SensorDraw
 
 from ..study.stream import PressStream
 
@@ -56,7 +56,7 @@ class DrawnPress:
 
     @cached_property
     def _nominal(self) -> PressStream:
-        return self._stream(self.level, NOMINAL_SENSOR)
+        return self._stream(self.level, SensorDraw())
 
     @cached_property
     def _linear_gels(self) -> dict[str, tuple[list[float], list[PressStream]]]:
@@ -64,21 +64,21 @@ class DrawnPress:
         population = self.rig.virtual.population
         assert population is not None, "required by whoever draws a sensor"
         nominal, limit = self.protocol.specimen.poisson, poisson_limit("linear")
-        step, most = NODE_DEVIATIONS * population.poisson, min(nominal, limit)
+        step, start = NODE_DEVIATIONS * population.poisson, min(nominal, limit)
         thick_mm = NODE_DEVIATIONS * population.thickness_mm
         nodes = {
             "thickness_mm": [0.0, -thick_mm, thick_mm],
-            "poisson": [most, most - step, min(most + step, limit)],
+            "poisson": [start, start - step, min(start + step, limit)],
         }
-        if nodes["poisson"][2] == most:
-            nodes["poisson"][2] = most - 2 * step
+        if nodes["poisson"][2] == start:
+            nodes["poisson"][2] = start - 2 * step
         gels = {}
         for key, values in nodes.items():
             if len(set(values)) < len(values):
                 continue
             draws = [
-                replace(NOMINAL_SENSOR, thickness_mm=v) if key == "thickness_mm"
-                else replace(NOMINAL_SENSOR, poisson=v - nominal)
+                replace(SensorDraw(), thickness_mm=v) if key == "thickness_mm"
+                else replace(SensorDraw(), poisson=v - nominal)
                 for v in values
             ]  # fmt: skip
             gels[key] = values, [self._stream("linear", draw) for draw in draws]
@@ -105,8 +105,8 @@ class DrawnPress:
 def _lagrange(nodes: Sequence[float], value: float) -> Iterator[float]:
     """Yield the weight of each node in the polynomial through all of them."""
     for k, node in enumerate(nodes):
-        others = [other for j, other in enumerate(nodes) if j != k]
-        yield float(np.prod([(value - other) / (node - other) for other in others]))
+        rest = [root for j, root in enumerate(nodes) if j != k]
+        yield float(np.prod([(value - root) / (node - root) for root in rest]))
 
 
 def _mix(states: Sequence[SolvedKnot], weights: Sequence[float]) -> SolvedKnot:

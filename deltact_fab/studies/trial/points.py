@@ -25,7 +25,7 @@ from ..study.stream import PressStream
 from .flows import StopNoise, draw_stops, settled_stops, track_stops
 from .gels import DrawnPress
 
-FORCE_WINDOW_S = 0.2  # definition: `settled_wrenches` averages so much of the force
+FORCE_WIDTH_S = 0.2  # definition: width of the mean in `settled_wrenches`
 _SECONDS_PER_HOUR = 3600.0  # definition
 
 
@@ -78,8 +78,8 @@ def measure_sensors(job: PressSensors) -> dict[str, dict[int, StopPoints]]:
             points["images"][number] = _points(press, stream, number, flows, noise)
         if number in job.without:
             seed = [number, *job.press.encode()]
-            drawn = draw_stops(stream, pool, np.random.default_rng(seed))
-            points["noise"][number] = _points(press, stream, number, drawn)
+            noisy = draw_stops(stream, pool, np.random.default_rng(seed))
+            points["noise"][number] = _points(press, stream, number, noisy)
     return points
 
 
@@ -100,7 +100,7 @@ def _points(
     features = make_features(FORCE_MODEL, SensorModel(stream.view, skin, specimen.poisson))
     virtual, force = press.rig.virtual, press.rig.force
     assert force is not None, "required of the rig of a force calibration"
-    scatter_n = virtual.force.noise_n / np.sqrt(max(FORCE_WINDOW_S * force.rate_hz, 1.0))
+    scatter_n = virtual.force.noise_n / np.sqrt(max(FORCE_WIDTH_S * force.rate_hz, 1.0))
     rng = np.random.default_rng([number, 1, *press.press.encode()])
     gain_per_s = (virtual.drift.force_gain_per_h if virtual.drift else 0.0) / _SECONDS_PER_HOUR
     steps = expand_protocol(press.protocol)

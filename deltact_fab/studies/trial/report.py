@@ -22,15 +22,14 @@ from ..plan.components import FORCE_MODEL
 from ..study.grid import STUDY_STORE, GridJob, solve
 from .points import PressSensors, StopPoints, measure_sensors
 
-IMAGE_SENSORS, POOL_SENSORS = 10, 3
-"""Sensors that are tracked in images of all presses, and those whose noise serves the others. By
-hand: ten tell a difference of a tenth; three have the noise of a hundred presses."""
+IMAGE_SENSORS = 10  # by hand: sensors with images of all presses; they tell a tenth of the error
+POOL_SENSORS = 3  # by hand: those of them whose noise serves the others, of a hundred presses
 IMAGE_EVERY = 16  # by hand: presses of the other sensors, of which one is tracked in images
 EQUAL_SHARE = 0.1  # by hand: of the error, within which images and noise count as equal
 SENSOR_LEVEL = 0.95  # definition: of the intervals
-# By hand, CPU seconds on one core: of a press on five linear gels, of a press in images, without.
-GELS_COST_S, IMAGES_COST_S, NOISE_COST_S = 8.0, 3.0, 0.4
-FINITE_COST_S = 60.0  # by hand: more for a press at finite strain
+GELS_COST_S, IMAGES_COST_S, NOISE_COST_S, FINITE_COST_S = 8.0, 3.0, 0.4, 60.0
+"""By hand, CPU seconds of a press: on five linear gels, in images, without them, and what finite
+strain adds; for the announced time only."""
 
 PressedGel = Literal["linear", "hyperelastic"]
 
@@ -57,13 +56,14 @@ class TrialReport:
         return sum(error <= self.promise.goal for error in self.errors.values())
 
     @property
-    def held(self) -> int:
+    def in_interval(self) -> int:
         """Number of sensors whose error is within the promised interval."""
         low, high = self.promise.interval
         return sum(low <= error <= high for error in self.errors.values())
 
     @property
     def times(self) -> int:
+        """Number of sensors."""
         return len(self.errors) + len(self.failed)
 
     def interval(self, count: int) -> tuple[float, float]:
@@ -74,7 +74,7 @@ class TrialReport:
         return float(low), float(high)
 
     @property
-    def kept(self) -> bool:
+    def as_promised(self) -> bool:
         """True if the promised chance is within the interval of the share that reached the goal."""
         low, high = self.interval(self.reached)
         return low <= self.promise.chance <= high
@@ -104,13 +104,13 @@ class TrialReport:
     def lines(self) -> list[str]:
         promise = self.promise
         low, high = self.interval(self.reached)
-        verdict = "as promised" if self.kept else "NOT as promised"
+        verdict = "as promised" if self.as_promised else "NOT as promised"
         rms = float(np.sqrt(np.mean(np.square([*self.errors.values()])))) if self.errors else 0.0
         lines = [
             f"{self.name}: goal {promise.goal:g} {promise.unit} reached on {self.reached} of "
             f"{self.times} sensors [{low:.2f} to {high:.2f}], promised {promise.chance:.2f}: "
             f"{verdict}",
-            f"promised interval held on {self.held} of {self.times}; rms error {rms:.2g} "
+            f"promised interval held on {self.in_interval} of {self.times}; rms error {rms:.2g} "
             f"{promise.unit}",
             self._images_line,
             self._gel_line,
@@ -147,8 +147,8 @@ class TrialReport:
             "times": self.times,
             "reached": self.reached,
             "reached_interval": self.interval(self.reached),
-            "as_promised": self.kept,
-            "held": self.held,
+            "as_promised": self.as_promised,
+            "in_interval": self.in_interval,
             "images": None if self.ratio is None else dict(zip(names, self.ratio, strict=True)),
             "equal_images": self.equal,
             "errors": self.errors,
@@ -235,11 +235,11 @@ class _ForceTrial:
                 errors[number] = self.error_n(points)
             except InputError as error:
                 failed[number] = str(error)
-        both = [n for n in first if n in errors]
+        pairs = [n for n in first if n in errors]
         protocol = self.request.protocol
         return TrialReport(
-            protocol.name, protocol.promise, self.gel, errors, [errors[n] for n in both],
-            [self.error_n(by_noise[n]) for n in both], failed,
+            protocol.name, protocol.promise, self.gel, errors, [errors[n] for n in pairs],
+            [self.error_n(by_noise[n]) for n in pairs], failed,
         )  # fmt: skip
 
     def error_n(self, points: dict[str, StopPoints]) -> float:

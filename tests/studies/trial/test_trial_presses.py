@@ -53,7 +53,7 @@ def write(folder: Path, promise: str = PROMISE, population: str = POPULATION) ->
     rows += [PRESS.format(*press, ', role = "validate"') for press in TEST]
     plan, rig = folder / "tried.toml", folder / "sensors.toml"
     plan.write_text(KEYS.format(", ".join(rows)) + promise)
-    text = find_file("rigs", "virtual").read_text()
+    text = find_file("protocols/rigs", "virtual").read_text()
     rig.write_text(text.replace("[virtual.gel]", "[virtual.gel]\nspacing_mm = 1.0") + population)
     return str(plan), str(rig)
 

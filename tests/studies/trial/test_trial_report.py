@@ -35,7 +35,7 @@ def report(reached: int, chance: float, ratio: float = 1.0, failed: int = 0) -> 
 )
 def test_promise_beside_share_reached(reached: int, chance: float, kept: bool) -> None:
     trial = report(reached, chance)
-    assert trial.kept == kept
+    assert trial.as_promised == kept
     assert ("NOT as promised" in trial.lines[0]) != kept
     assert trial.as_dict()["as_promised"] == kept
     assert f"on {reached} of 100 sensors" in trial.lines[0]
@@ -61,9 +61,9 @@ def test_noise_beside_images(ratio: float, equal: bool) -> None:
     assert ("equal within 10%: yes" in trial.lines[2]) == equal
 
 
-def test_held_counts_interval() -> None:
-    assert report(84, 0.86).held == 84
-    assert math.isclose(report(84, 0.86).as_dict()["held"], 84)
+def test_sensors_in_promised_interval() -> None:
+    assert report(84, 0.86).in_interval == 84
+    assert math.isclose(report(84, 0.86).as_dict()["in_interval"], 84)
 
 
 def test_protocol_without_promise_is_refused() -> None:
