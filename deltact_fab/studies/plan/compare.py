@@ -46,7 +46,7 @@ class DifferencePrediction(ErrorPrediction):
     def reached(self, chance: float = Comparison.MIN_CHANCE) -> float:
         from scipy.optimize import brentq
 
-        low, high = self.figures[0], 10 * self.figures[-1]
+        low, high = self.figures[0] / 2, 10 * self.figures[-1]
         return float(brentq(lambda goal: self.power(goal) - chance, low, high, xtol=1e-4 * low))
 
 
