@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -18,41 +19,43 @@ def plan() -> None:
     """Plan an experiment for a goal, and predict what it will reach."""
 
 
-def sensor_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that name a sensor: serial number and pattern."""
-    for option in (
-        click.option("--pattern", type=NAME_OR_PATH, metavar="RECIPE",
-                     help="Pattern of the sensor; by default the pilot's."),
-        click.option("--serial", metavar="TEXT",
-                     help="Serial number of the sensor, for its ledger."),
-    ):  # fmt: skip
-        command = option(command)
-    return command
+SENSOR_OPTIONS = (
+    click.option("--serial", metavar="TEXT", help="Serial number of the sensor, for its ledger."),
+    click.option("--pattern", type=NAME_OR_PATH, metavar="RECIPE",
+                 help="Pattern of the sensor; by default the pilot's."),
+)  # fmt: skip
+MEAN_OPTIONS = (
+    click.option("--goal", type=Quantity("%", "mm"), required=True, metavar="SIZE",
+                 help="Half width of the 95 % interval of the mean: in %, or as 0.002mm."),
+    *SENSOR_OPTIONS,
+)  # fmt: skip
+PLAN_OPTIONS = (
+    RIG_OPTION,
+    click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
+                 help="Design of the sensor; by default the ledger's, or the pilot's."),
+    click.option("--pilot", "pilots", multiple=True, type=PATH_TYPE, metavar="RUN",
+                 help="Run that the errors are estimated from: on the same sensor, for a "
+                 "comparison on several; repeatable."),
+    click.option("--range", "range_n", type=Quantity("N"), required=True, metavar="FORCE",
+                 help="Largest normal force, such as 8N."),
+    click.option("--time", "time_s", type=Quantity("s"), default="8h", show_default=True,
+                 metavar="TIME", help="Longest run, such as 90min."),
+    click.option("--tip", "tips", multiple=True, metavar="INDENTER", show_default="the pilot's",
+                 help="Indenter; repeatable."),
+    click.option("--unattended", is_flag=True, help="For `run --unattended`: a single tip."),
+    seed("Seed of the places, the choice and the order."),
+    out_file("Protocol to write, or its name; an existing one is never overwritten.",
+             required=True),
+)  # fmt: skip
 
 
-def plan_options(command: Callable[..., Any]) -> Callable[..., None]:
-    """Add the options of all plans: rig, design, pilot, range, time, tips, seed and file."""
-    command = answers(command)
-    for option in (
-        out_file("Protocol to write, or its name; an existing one is never overwritten.",
-                 required=True),
-        seed("Seed of the places, the choice and the order."),
-        click.option("--unattended", is_flag=True, help="For `run --unattended`: a single tip."),
-        click.option("--tip", "tips", multiple=True, metavar="INDENTER", show_default="the pilot's",
-                     help="Indenter; repeatable."),
-        click.option("--time", "time_s", type=Quantity("s"), default="8h", show_default=True,
-                     metavar="TIME", help="Longest run, such as 90min."),
-        click.option("--range", "range_n", type=Quantity("N"), required=True, metavar="FORCE",
-                     help="Largest normal force, such as 8N."),
-        click.option("--pilot", "pilots", multiple=True, type=PATH_TYPE, metavar="RUN",
-                     help="Run that the errors are estimated from: on the same sensor, for a "
-                     "comparison on several; repeatable."),
-        click.option("--design", type=NAME_OR_PATH, metavar="DESIGN",
-                     help="Design of the sensor; by default the ledger's, or the pilot's."),
-        RIG_OPTION,
-    ):  # fmt: skip
-        command = option(command)
-    return command
+def plan_options(*options: Callable[..., Any]) -> Callable[..., Any]:
+    """Add options of one kind of plan, those of all, and `--json`."""
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        return reduce(lambda c, o: o(c), (*PLAN_OPTIONS[::-1], *options[::-1]), answers(command))
+
+    return add
 
 
 def _answer(
@@ -73,20 +76,15 @@ def _answer(
     return Answer(result.as_dict(), [*result.lines, files_line(result.files)])
 
 
-MEAN_GOAL_OPTION = click.option(
-    "--goal", type=Quantity("%", "mm"), required=True, metavar="SIZE",
-    help="Half width of the 95 % interval of the mean: in %, or as 0.002mm.",
-)  # fmt: skip
-
-
 @plan.command(
     epilog="Example: deltact-fab protocol plan force --pilot pilot-run --range 8N --goal 0.1N "
     "--time 8h -o night.toml"
 )
-@click.option("--goal", type=Quantity("N"), required=True, metavar="FORCE",
-              help="Rms error of the normal force at a place that was not pressed.")  # fmt: skip
-@sensor_options
-@plan_options
+@plan_options(
+    click.option("--goal", type=Quantity("N"), required=True, metavar="FORCE",
+                 help="Rms error of the normal force at a place that was not pressed."),
+    *SENSOR_OPTIONS,
+)  # fmt: skip
 def force(goal: float, **settings: Any) -> Answer:
     """Plan a force calibration: the fewest presses that meet a goal with chance 0.9.
 
@@ -100,9 +98,7 @@ def force(goal: float, **settings: Any) -> Answer:
 @plan.command(
     epilog="Example: deltact-fab protocol plan tracking --range 6N --goal 10% -o tracking.toml"
 )
-@MEAN_GOAL_OPTION
-@sensor_options
-@plan_options
+@plan_options(*MEAN_OPTIONS)
 def tracking(**settings: Any) -> Answer:
     """Plan presses that tell the mean tracking error: the fewest that meet a goal with chance 0.9.
 
@@ -113,9 +109,7 @@ def tracking(**settings: Any) -> Answer:
 
 
 @plan.command(epilog="Example: deltact-fab protocol plan depth --range 6N --goal 10% -o depth.toml")
-@MEAN_GOAL_OPTION
-@sensor_options
-@plan_options
+@plan_options(*MEAN_OPTIONS)
 def depth(**settings: Any) -> Answer:
     """Plan presses that tell the mean error of the depth, on a virtual rig, as `plan tracking`."""
     return _answer("depth", **settings)
@@ -125,18 +119,19 @@ def depth(**settings: Any) -> Answer:
     epilog="Example: deltact-fab protocol plan compare octave recommended --difference 15% "
     "--sensors 3 --range 6N -o patterns.toml"
 )
-@click.argument("a", type=NAME_OR_PATH)
-@click.argument("b", type=NAME_OR_PATH)
-@click.option("--measure", "quantity", default="tracking", show_default=True,
-              type=click.Choice(["tracking", "time", "depth", "noise", "force"]),
-              help="What is compared, as by `analyze compare`.")  # fmt: skip
-@click.option("--difference", "goal", type=Quantity("%", "mm", "ms", "N"), required=True,
-              metavar="SIZE", help="Difference to find: in %, or as 0.02mm.")  # fmt: skip
-@click.option("--sensors", type=click.IntRange(2, 1000), metavar="N",
-              show_default="the fewest with chance 0.8", help="Sensors a side.")  # fmt: skip
-@click.option("--presses", type=click.IntRange(1, 1000), metavar="N",
-              show_default="as many as matter, up to 24", help="Presses on a sensor.")  # fmt: skip
-@plan_options
+@plan_options(
+    click.argument("a", type=NAME_OR_PATH),
+    click.argument("b", type=NAME_OR_PATH),
+    click.option("--measure", "quantity", default="tracking", show_default=True,
+                 type=click.Choice(["tracking", "time", "depth", "noise", "force"]),
+                 help="What is compared, as by `analyze compare`."),
+    click.option("--difference", "goal", type=Quantity("%", "mm", "ms", "N"), required=True,
+                 metavar="SIZE", help="Difference to find: in %, or as 0.02mm."),
+    click.option("--sensors", type=click.IntRange(2, 1000), metavar="N",
+                 show_default="the fewest with chance 0.8", help="Sensors a side."),
+    click.option("--presses", type=click.IntRange(1, 128), metavar="N",
+                 show_default="as many as matter, up to 24", help="Presses on a sensor."),
+)  # fmt: skip
 def compare(a: str, b: str, quantity: str, **settings: Any) -> Answer:
     """Plan a comparison of patterns A and B: sensors a side, and the chance to find a difference.
 

@@ -153,25 +153,26 @@ def plan_checks(run: Run) -> Iterator[Check]:
     if promise is None:
         return
     unit, goal, (low, high) = promise["unit"], promise["goal"], promise["interval"]
+    upper = f"{high:.2g}" if high < 100 else f"{high:.0f}"
     text = (
-        f"Promised: {promise['measure']} to {promise['error']:.2g} {unit} [{low:.2g} to "
-        f"{high:.2g}], goal {goal:g} {unit} with chance {promise['chance']:.2g}. "
+        f"Promised: {promise['measure']} to {promise['error']:.2g} {unit} [{low:.2g} to {upper}], "
+        f"goal {goal:g} {unit} with chance {promise['chance']:.2g}. "
     )
     reached, remedy = _reached(run, promise["measure"], unit == "%")
     if reached is None:
         yield Check("plan", value=f"{text}Reached: unknown; {remedy}.", status="warn")
     else:
-        value, upper = reached.value, reached.high
-        span = "" if upper is None else f" [{reached.low:.2g} to {upper:.2g}]"
+        value, bound = reached.value, reached.high
+        span = "" if bound is None else f" [{reached.low:.2g} to {bound:.2g}]"
         promised = low <= value <= high
         result = "met" if value <= goal else "missed"
-        if upper is not None and upper <= goal:
+        if bound is not None and bound <= goal:
             result = "shown"
         text += f"Reached: {value:.2g} {unit}{span} over {reached.over}; the goal is {result}"
         text += "." if promised else ", outside of what was promised."
         # The interval of a mean is what it is; an error on presses to validate is an estimate.
-        sure = "shown" if promise["measure"] == "normal force" else "met"
-        warns = result not in ("shown", sure) or not promised
+        goal_word = "shown" if promise["measure"] == "normal force" else "met"
+        warns = result not in ("shown", goal_word) or not promised
         yield Check("plan", value=text, status=graded(True, warns=warns))
     protocol, _ = load_protocol(str(run.folder / "protocol.toml"))
     deviations = []

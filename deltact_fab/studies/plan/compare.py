@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
@@ -22,7 +22,7 @@ from deltact_fab.estimate import Comparison
 
 from .mean import MeanPlanner
 from .pilot import Pilot
-from .planner import PlanDesign, PlanGoal
+from .planner import PlanDesign, PlanGoal, format_size
 from .prediction import ErrorPrediction
 
 CHANCE_GAIN = 0.02  # by hand: of the chance; more presses that gain less change nothing
@@ -67,7 +67,7 @@ class ComparePlanner(MeanPlanner):
         super().__init__(goal, pilot, quantity)
         self.measure = f"difference of {quantity}"
         self.title = f"{self.measure} that is found with chance {self.sure_chance:g}"
-        self._stated_presses = presses
+        self._presses = presses
         self.enough = self._enough_sensors()
         self.sensors = sensors or self.enough
 
@@ -89,8 +89,6 @@ class ComparePlanner(MeanPlanner):
 
     def enough_presses(self, sensors: int) -> int:
         """Number of presses a sensor above which the chance gains less than CHANCE_GAIN."""
-        if self._stated_presses is not None:
-            return self._stated_presses
         target = self.chance(sensors, math.inf) - CHANCE_GAIN
         numbers = range(1, MAX_SENSOR_PRESSES)
         return 1 + bisect_left(numbers, target, key=lambda n: self.chance(sensors, n))
@@ -99,54 +97,46 @@ class ComparePlanner(MeanPlanner):
         """Fewest sensors a side that find the difference with sure_chance, at most MAX_UNITS."""
         return 2 + bisect_left(
             range(2, Comparison.MAX_UNITS), self.sure_chance,
-            key=lambda n: self.chance(n, self.enough_presses(n)),
+            key=lambda n: self.chance(n, self._presses or self.enough_presses(n)),
         )  # fmt: skip
 
     def plan(self) -> tuple[PlanDesign, None]:
-        places = math.ceil(self.enough_presses(self.sensors) / self._turn)
-        design = self.design(places)
-        while design.estimate.seconds > self.goal.time_s:
-            if places == 1:
-                raise self.refuse_time(design)
-            places -= 1
+        presses = self._presses or self.enough_presses(self.sensors)
+        for places in range(math.ceil(presses / len(self.tips)), 0, -1):
             design = self.design(places)
-        return design, None
-
-    def design(self, count: int) -> PlanDesign:
-        design = super().design(count)
-        return replace(design, counts={"presses a sensor": count * self._turn})
+            if design.estimate.seconds <= self.goal.time_s:
+                return design, None
+        raise self.refuse_time(design)
 
     def predict(self, count: int) -> DifferencePrediction:
         """Predict the difference that sensors with presses at so many places find."""
         from scipy.optimize import brentq
 
-        presses, sensors = count * self._turn, self.sensors
-        ratio = brentq(
-            lambda r: Comparison.chance(r, 1.0, sensors, paired=False) - self.sure_chance,
-            0.0,
-            100.0,
-        )
-        found = ratio * np.sort(self.spreads(presses))
-        figures = 100 * np.expm1(found) if self.relative else found
-        return DifferencePrediction(figures, partial(self.chance, sensors, presses))
+        def excess(ratio: float) -> float:
+            return Comparison.chance(ratio, 1.0, self.sensors, paired=False) - self.sure_chance
+
+        presses = count * len(self.tips)
+        sizes = brentq(excess, 0.0, 100.0) * np.sort(self.spreads(presses))
+        figures = 100 * np.expm1(sizes) if self.relative else sizes
+        return DifferencePrediction(figures, partial(self.chance, self.sensors, presses))
 
     def basis(self) -> list[str]:
         return [f"{self.sensors} sensors a side, each with its own print and gel", *super().basis()]
 
     def details(self, design: PlanDesign) -> list[str]:
-        presses = design.counts["presses a sensor"]
+        presses, enough = sum(design.counts.values()), self.enough_presses(self.sensors)
         sizes = [size for size in SIDE_SIZES if size < self.enough]
         chances = [f"{n}: {self.chance(n, presses):.2f}"
                    for n in sorted({*sizes, self.sensors, self.enough})]  # fmt: skip
         endless = self.chance(self.sensors, math.inf)
         return [
             f"chance to find {self.goal} by sensors a side: {', '.join(chances)}",
-            f"{self.sensors} a side with endlessly many presses: {endless:.2f}",
+            f"more than {enough} presses a sensor change nothing ({endless:.2f})",
         ]
 
     def nearest(self, design: PlanDesign, longer: PlanDesign | None) -> str:
-        goal, found = self.goal, design.prediction.reached(self.sure_chance)
+        goal, size = self.goal, design.prediction.reached()
         return (
             f"goal {goal}: not with chance {self.sure_chance:g} by {self.sensors} sensors a side; "
-            f"{found:.2g} {goal.unit} is, or {goal} by {self.enough}"
+            f"{format_size(size)} {goal.unit} is, or {goal} by {self.enough}"
         )

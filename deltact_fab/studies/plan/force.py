@@ -102,8 +102,8 @@ class ForcePlanner(Planner):
         return super().component_line(name, _COMPONENT_UNITS.get(name, unit))
 
     def details(self, design: PlanDesign) -> list[str]:
-        one = len(self.tips) == 1
-        return ["other tips: not predicted by presses of one tip"] if one else []
+        lines = ["other tips: not predicted by presses of one tip"]
+        return lines if len(self.tips) == 1 else []
 
 
 def _spread_validation(spares: Sequence[Candidate], count: int, seed: int) -> list[Candidate]:

@@ -60,26 +60,21 @@ class MeanPlanner(Planner):
 
     def design(self, count: int) -> PlanDesign:
         """Design a plan with a number of places."""
-        protocol = self._protocol([press.as_dict() for press in self.presses[: count * self._turn]])
-        counts = {f"presses at {count} places": count * self._turn}
+        presses = [press.as_dict() for press in self.presses[: count * len(self.tips)]]
+        protocol, counts = self._protocol(presses), {f"presses at {count} places": len(presses)}
         return PlanDesign(counts, self.predict(count), protocol, self.estimate(protocol))
-
-    @property
-    def _turn(self) -> int:
-        """Number of presses at a place."""
-        return len(self.tips)
 
     @cached_property
     def presses(self) -> list[Candidate]:
         """Presses, place by place: one by each tip, at a level and in a quadrant of the place."""
         rng, step = np.random.default_rng(self.goal.seed), len(DEPTH_LEVELS)
-        size = self._turn * step
+        size = len(self.tips) * step
         blocks = np.tile(np.arange(step), (len(self.candidates) // size // step, 1))
         levels, quadrants = (rng.permuted(blocks, axis=1).ravel().tolist() for _ in range(2))
         return [
             self.candidates[place * size + tip * step + level].mirrored(quadrant)
             for place, (level, quadrant) in enumerate(zip(levels, quadrants, strict=True))
-            for tip in range(self._turn)
+            for tip in range(len(self.tips))
         ]
 
     @property
@@ -101,7 +96,7 @@ class MeanPlanner(Planner):
         """Draws of the mean figure."""
         if self.pilot.figure is not None:
             return np.full(COMPONENT_DRAWS, self.pilot.figure)
-        normal = np.random.default_rng(self.goal.seed).standard_normal(COMPONENT_DRAWS)
+        normal = np.random.default_rng([self.goal.seed, 0]).standard_normal(COMPONENT_DRAWS)
         return np.asarray(ASSUMED_FIGURES[self.quantity]["figure"] * PRIOR_FACTOR**normal)
 
     def predict(self, count: int) -> ErrorPrediction:
@@ -109,8 +104,8 @@ class MeanPlanner(Planner):
         from scipy.special import stdtrit
 
         free = count - 1
-        variance = self.draws["place"] ** 2 + self.draws["repeat"] ** 2 / self._turn
-        chi2 = np.random.default_rng(self.goal.seed).chisquare(free, COMPONENT_DRAWS)
+        variance = self.draws["place"] ** 2 + self.draws["repeat"] ** 2 / len(self.tips)
+        chi2 = np.random.default_rng([self.goal.seed, count]).chisquare(free, COMPONENT_DRAWS)
         reach = stdtrit(free, INTERVAL_TAIL) * np.sqrt(variance * chi2 / free / count)
         return ErrorPrediction(np.sort(self.sizes(reach)))
 

@@ -86,16 +86,14 @@ class Pilot:
         parts = Comparison.run_figures([run.folder for run in runs], measure, progress=progress)
         several, rows = "sensor" in assumed, []
         for run in runs:
-            entries = {entry["name"]: entry for entry in run.meta["presses"]}
-            unit = Comparison.unit_name(run, "sensor") if several else ""
-            pattern = run.meta["protocol"]["specimen"].get("pattern")
+            about = {"sensor": Comparison.unit_name(run, "sensor") if several else "",
+                     "pattern": run.meta["protocol"]["specimen"].get("pattern")}  # fmt: skip
+            entries = {entry["name"]: entry | {"name": ""} for entry in run.meta["presses"]}
             for name, figure in parts[run.folder].items():
                 entry = entries[name]
-                rows.append({
-                    "figure": figure, "place": f"{entry['x_mm']} {entry['y_mm']}",
-                    "tip": entry["indenter"], "sensor": unit, "pattern": pattern,
-                    "press": str(entry | {"name": ""}),  # repeats are one
-                })  # fmt: skip
+                place, press = str((entry["x_mm"], entry["y_mm"])), str(entry)  # of all repeats
+                rows.append(about | {"figure": figure, "place": place, "press": press,
+                                     "tip": entry["indenter"]})  # fmt: skip
         table = pd.DataFrame(rows)
         y = table["figure"].to_numpy()
         if not (y > 0).all():
@@ -109,9 +107,10 @@ class Pilot:
             X, shares, {name: pd.factorize(table[name])[0] for name in [*assumed][1:]}
         )
         components = ErrorComponents.estimate(points, seed, assumed=assumed)
-        return cls(
-            components, *_read_sensor(runs), len(y), _fit_prony(runs), figure=float(y.mean())
-        )
+        specimen, tips = _read_sensor(runs)
+        if several:
+            specimen = {key: v for key, v in specimen.items() if key not in ("pattern", "serial")}
+        return cls(components, specimen, tips, len(y), _fit_prony(runs), figure=float(y.mean()))
 
 
 def _read_sensor(runs: Sequence[Run]) -> tuple[dict[str, Any], tuple[str, ...]]:

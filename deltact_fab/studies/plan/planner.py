@@ -138,9 +138,9 @@ class Planner(ABC):
     @cached_property
     def largest_force_n(self) -> float:
         """Largest normal force of the candidates, in the middle of the face."""
-        deepest = {press.indenter: 0.0 for press in self.candidates}
-        for press in self.candidates:
-            deepest[press.indenter] = max(deepest[press.indenter], press.depth_mm)
+        deepest = {
+            p.indenter: p.depth_mm for p in sorted(self.candidates, key=lambda p: p.depth_mm)
+        }
         return max(
             -float(self.gel.wrenches(tip, [(0.0, 0.0, 0.0), (0.0, 0.0, -depth_mm)])[0, 2])
             for tip, depth_mm in deepest.items()
@@ -219,10 +219,10 @@ class Planner(ABC):
 
     def component_line(self, name: str, unit: str = "%") -> str:
         """Format a component: its interval and source."""
-        value, low, high = self.pilot.components.interval(name)
         factor = 100 if unit.startswith("%") else 1
-        span = f"{factor * value:.2g} {unit} [{factor * low:.2g} to {factor * high:.2g}]"
-        return f"{name} {span}: {self.pilot.components.basis[name]}"
+        sizes = [factor * size for size in self.pilot.components.interval(name)]
+        middle, low, high = map(format_size, sizes)
+        return f"{name} {middle} {unit} [{low} to {high}]: {self.pilot.components.basis[name]}"
 
     def details(self, design: PlanDesign) -> list[str]:
         """Return the lines of a report that only this kind of plan has."""
@@ -233,7 +233,7 @@ class Planner(ABC):
         goal, prediction = self.goal, design.prediction
         text = (
             f"goal {goal}: not with chance {self.sure_chance:g} within "
-            f"{format_duration(goal.time_s)}; {prediction.reached():.2g} {goal.unit} is"
+            f"{format_duration(goal.time_s)}; {format_size(prediction.reached())} {goal.unit} is"
         )
         if longer is not None:
             return f"{text}, or {goal} in {format_duration(longer.estimate.seconds)}"
@@ -248,6 +248,11 @@ _FIRST_PRESS = {
     "channels": ["image", "force"],
     "capture": {"settle_s": 1.0},
 }  # by hand: a protocol that is not written, for the files that the goal names
+
+
+def format_size(size: float) -> str:
+    """Format a figure with two digits, without an exponent from a hundred on."""
+    return f"{size:.2g}" if size < 100 else f"{size:.0f}"
 
 
 def format_counts(counts: Mapping[str, int]) -> str:

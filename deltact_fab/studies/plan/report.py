@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,15 @@ from .compare import ComparePlanner
 from .force import ForcePlanner
 from .mean import ASSUMED_FIGURES, MeanPlanner
 from .pilot import SETTLED_SHARE, Pilot
-from .planner import REFERENCE_EVERY, PlanDesign, PlanGoal, Planner, format_counts, protocol_text
+from .planner import (
+    REFERENCE_EVERY,
+    PlanDesign,
+    PlanGoal,
+    Planner,
+    format_counts,
+    format_size,
+    protocol_text,
+)
 
 RANGE_SHARE = 0.9  # by hand: of the range, below which the gel's depth is what limits the force
 
@@ -39,19 +47,19 @@ class PlanReport:
         """Presses, waits and cost, error and chance, then what each rests on."""
         planner, design, goal = self.planner, self.design, self.planner.goal
         prediction, wait_s = design.prediction, planner.settle_s
-        low, high = prediction.interval
+        middle, low, high = map(format_size, (prediction.error, *prediction.interval))
         tips = ", ".join(planner.tips)
         tips += " only (nobody changes tips)" if goal.unattended else ""
-        chance = prediction.chance(goal.size)
+        chance, names = prediction.chance(goal.size), [file.stem for file in self.files]
         lines = [
-            f"{goal.name}: {tips}; {design.estimate.presses} presses in random order: "
-            f"{format_counts(design.counts)}, a reference press every {REFERENCE_EVERY}",
+            f"{', '.join(names) or goal.name}: {tips}; {design.estimate.presses} presses in random "
+            f"order: {format_counts(design.counts)}, a reference press every {REFERENCE_EVERY}",
             f"settle {wait_s['press']:.3g} s, after a drag {wait_s['shear']:.3g} s (within "
             f"{SETTLED_SHARE:.0%} of steady: {planner.relaxation[1]}); "
             f"{format_duration(design.estimate.seconds)}, "
             f"{design.estimate.disk_mb / 1000:.2g} GB{self._wear}",
-            f"{planner.title}: {prediction.error:.2g} {goal.unit} [{low:.2g} to {high:.2g}]; "
-            f"goal {goal}: chance {chance:.2f}",
+            f"{planner.title}: {middle} {goal.unit} [{low} to {high}]; goal {goal}: chance "
+            f"{chance:.2f}",
             *(f"rests on: {line}" for line in planner.basis()),
         ]
         if planner.largest_force_n < RANGE_SHARE * goal.range_n:
@@ -119,35 +127,29 @@ def write_plan(
     if "serial" in stated:
         ledger_presses, recorded = _read_ledger(stated["serial"])
         stated = ({} if recorded is None else {"design": recorded}) | stated
-    wanted = PlanGoal(files[0].stem, rig, range_n, *goal, time_s, tuple(tips), stated, unattended,
+    if patterns:
+        stated["pattern"] = patterns[0]
+    target = PlanGoal(files[0].stem, rig, range_n, *goal, time_s, tuple(tips), stated, unattended,
                       seed)  # fmt: skip
     planner: Planner
     if quantity == "force" and not patterns:
-        planner = ForcePlanner(wanted, Pilot.load(pilots, seed, progress), progress)
+        planner = ForcePlanner(target, Pilot.load(pilots, seed, progress), progress)
     else:
         Comparison.require_measure(quantity, goal, "--difference" if patterns else "--goal")
-        kind, relative = ComparePlanner if patterns else MeanPlanner, wanted.unit == "%"
+        kind = ComparePlanner if patterns else MeanPlanner
         assumed = {name: ASSUMED_FIGURES[quantity][name] for name in kind.groups}
         pilot = Pilot.load_figures(
-            pilots, quantity, assumed, seed, relative=relative, progress=progress
+            pilots, quantity, assumed, seed, relative=target.unit == "%", progress=progress
         )
-        if patterns:
-            shared = {k: v for k, v in pilot.specimen.items() if k not in ("pattern", "serial")}
-            wanted = replace(wanted, specimen=stated | {"pattern": patterns[0]})
-            pilot = replace(pilot, specimen=shared)
-            planner = ComparePlanner(wanted, pilot, quantity, sensors, presses)
-        else:
-            planner = MeanPlanner(wanted, pilot, quantity)
+        planner = kind(target, pilot, quantity, *((sensors, presses) if patterns else ()))
     design, longer = planner.plan()
     report = PlanReport(planner, design, longer, ledger_presses, files)
-    plans = {files[0]: design, **{
-        path: planner.redesign(design, path.stem, pattern)
-        for path, pattern in zip(files[1:], patterns[1:], strict=True)
-    }}  # fmt: skip
-    for path, plan in plans.items():
-        Check.require(planner.checks(plan), str(path))
-    for path, plan in plans.items():
-        write_new_file(path, protocol_text(planner.promised(plan), report.lines))
+    sides = [planner.redesign(design, path.stem, pattern)
+             for path, pattern in zip(files, patterns, strict=False)] or [design]  # fmt: skip
+    for path, side in zip(files, sides, strict=True):
+        Check.require(planner.checks(side), str(path))
+    for path, side in zip(files, sides, strict=True):
+        write_new_file(path, protocol_text(planner.promised(side), report.lines))
     return report
 
 

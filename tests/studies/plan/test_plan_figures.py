@@ -76,7 +76,7 @@ def test_sensors_of_a_pilot_are_units(runs: list[Path]) -> None:
         Pilot.load_figures(runs[:1], "tracking", PAIR, 0, relative=True)
 
 
-def test_planned_mean_is_told_by_the_report(runs: list[Path]) -> None:
+def test_report_tells_a_planned_mean(runs: list[Path]) -> None:
     """Half width of Student's interval of four places, of the logarithms and of the figures."""
     figures = np.array([*Comparison.run_figures(runs[:1], "tracking")[runs[0]].values()])
     reach = t.ppf(0.975, 3) / 2
@@ -96,7 +96,7 @@ def test_planned_mean_is_told_by_the_report(runs: list[Path]) -> None:
             assert check[0] == status
 
 
-def test_planned_difference_waits_for_both_sides(runs: list[Path]) -> None:
+def test_difference_waits_for_both_sides(runs: list[Path]) -> None:
     promise = {
         "measure": "difference of tracking", "unit": "%", "goal": 15, "error": 12,
         "interval": [8, 20], "chance": 0.8, "digest": "",

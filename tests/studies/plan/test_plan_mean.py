@@ -144,11 +144,11 @@ def test_few_sensors_tell_the_nearest() -> None:
     quick = replace(planner.goal, time_s=150.0)
     short, _ = ComparePlanner(quick, planner.pilot, "tracking", 3, 24).plan()
     assert short.estimate.seconds <= 150
-    assert 1 <= short.counts["presses a sensor"] < 24
+    assert 1 <= sum(short.counts.values()) < 24
 
 
 @pytest.mark.slow
-def test_files_repeat_and_differ_in_the_pattern(tmp_path: Path) -> None:
+def test_sides_differ_in_the_pattern(tmp_path: Path) -> None:
     texts = []
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
