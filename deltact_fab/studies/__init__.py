@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     # fmt: off
     from .numerics.faults.rehearsal import rehearse
     from .numerics.harness import run_engines
-    from .plan.report import plan_force
+    from .plan.report import write_plan
     from .sequential.looks import GoalLooks
     from .study.registry import STUDIES, Study, StudyRequest, find_study, run_study
     from .trial.report import try_plan

@@ -297,15 +297,16 @@ class Promise(Table):
     """Prediction of a plan, written by `protocol plan`: what a run of it is compared with."""
 
     measure: str = Field(examples=["normal force"], max_length=100)
-    """Quantity whose error is predicted."""
+    """Quantity that is predicted."""
     unit: str = Field(examples=["N"], max_length=16)
     """Unit of the figures."""
     goal: PromisedError = Field(examples=[0.1])
-    """Largest rms error that is wanted."""
+    """Largest figure that is wanted; of a comparison the difference to find."""
     error: PromisedError = Field(examples=[0.07])
-    """Predicted rms error of the presses to validate."""
+    """Predicted figure: rms error of the presses to validate, half width of a mean's interval, or
+    difference that is found with chance 0.8."""
     interval: tuple[PromisedError, PromisedError] = Field(examples=[[0.05, 0.11]])
-    """Interval of the predicted error, 95 %."""
+    """Interval of the predicted figure, 95 %."""
     chance: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.86])
     """Predicted chance to meet the goal."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0

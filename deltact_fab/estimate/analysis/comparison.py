@@ -6,17 +6,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from deltact_fab.bench import Run, SensorLedger, open_run
-from deltact_fab.common import InputError, Progress, run_each
+from deltact_fab.common import InputError, Progress
 
-from ..measure.flow.renewed import FUSED_METHOD
-from .difference import MAX_UNITS, UnitDifference
+from .difference import DECISION_CHANCE, MAX_UNITS, UnitDifference, chance_of_difference
 from .intervals import MIN_GROUPS
-from .press_figures import COMPARED_MEASURES, Measure, PressFigures, press_figures, stored_figures
+from .press_figures import Measure, PressFigures, mean_interval, run_figures
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,13 @@ class Comparison:
     noun: str
     notes: tuple[str, ...]
 
+    MIN_CHANCE: ClassVar = DECISION_CHANCE
+    MAX_UNITS: ClassVar = MAX_UNITS
+    chance: ClassVar = staticmethod(chance_of_difference)
+    require_measure: ClassVar = staticmethod(Measure.require)
+    run_figures: ClassVar = staticmethod(run_figures)
+    mean_interval: ClassVar = staticmethod(mean_interval)
+
     @classmethod
     def from_runs(
         cls, a: Sequence[Path], b: Sequence[Path], measure: str = "tracking",
@@ -58,22 +63,15 @@ class Comparison:
         tracking and time. Raises InputError for a run that names no unit or lacks what the measure
         needs, and as `UnitDifference.from_units` does.
         """
-        chosen, (size, margin_unit) = COMPARED_MEASURES[measure], margin
-        if margin_unit not in ("%", chosen.unit):
-            text = f"{measure} is in {chosen.unit}; or use %"
-            raise InputError(f"--margin {size:g}{margin_unit}: {text}")
+        chosen = Measure.require(measure, margin, "--margin")
+        size, relative = margin[0], margin[1] == "%"
         sides = [[open_run(folder) for folder in folders] for folders in (a, b)]
         runs = [run for side in sides for run in side]
         places = [run.folder.resolve() for run in runs]
         if twice := [str(place) for place in places if places.count(place) > 1]:
             raise InputError(f"{twice[0]}: twice; give each run once")
-        names = {run.folder: unit_name(run, unit) for run in runs}
-        method = method or FUSED_METHOD
-        analyse = partial(press_figures, measure=measure, method=method)
-        figures = {folder: stored_figures(folder, measure, method) for folder in names}
-        new = [folder for folder, stored in figures.items() if stored is None]
-        parts = run_each(analyse, new, [str(folder) for folder in new], executor, progress)
-        figures |= zip(new, parts, strict=True)
+        names = {run.folder: cls.unit_name(run, unit) for run in runs}
+        figures = run_figures([*names], measure, method, executor, progress)
         first, second = (
             _side(label, side, names, figures, chosen)
             for label, side in zip(_labels(sides), sides, strict=True)
@@ -85,11 +83,40 @@ class Comparison:
                 f"one {unit} a side: the answer is about {', '.join((*first.units, *second.units))}"
                 " only"
             )
-        relative = margin_unit == "%"
         return cls(
             chosen, first, second, UnitDifference.from_units(*compared, relative),
             math.log1p(size / 100) if relative else size, noun, tuple(notes),
         )  # fmt: skip
+
+    @staticmethod
+    def unit_name(run: Run, kind: str) -> str:
+        """Name of the unit that a run is of; of a mounting with the run's id.
+
+        Serial number and ledger name that of a real run, the draw that of a simulated one. Raises
+        InputError for a run that names none.
+        """
+        serial = run.meta["protocol"].get("specimen", {}).get("serial")
+        if run.simulated:
+            truth = run.truth()
+            if truth is None or truth.sensor is None:
+                text = "simulated with the nominal sensor, which is no unit; use `run --sensor N`"
+                raise InputError(f"{run.folder}: {text}")
+            name = f"sensor {truth.sensor}"
+        elif serial is None:
+            text = "no unit: its protocol has no specimen.serial, the serial number of the sensor"
+            raise InputError(f"{run.folder}: {text}")
+        elif kind in ("gel", "print"):
+            ledger = SensorLedger.load(serial)
+            keys = {"gel": ("gel_batch",), "print": ("printer", "printed")}[kind]
+            values = {key: str(getattr(ledger, key)) for key in keys}
+            if empty := [key for key, value in values.items() if not value]:
+                raise InputError(
+                    f"{SensorLedger.file(serial)}: {empty[0]}: needed by --unit {kind}"
+                )
+            name = " ".join(values.values())
+        else:
+            name = serial
+        return f"{name}, {run.id}" if kind == "mounting" else name
 
     @property
     def line(self) -> str:
@@ -158,43 +185,15 @@ class Comparison:
         }
 
 
-def unit_name(run: Run, kind: str) -> str:
-    """Name of the unit that a run is of; of a mounting with the run's id.
-
-    Serial number and ledger name that of a real run, the draw that of a simulated one. Raises
-    InputError for a run that names none.
-    """
-    serial = run.meta["protocol"].get("specimen", {}).get("serial")
-    if run.simulated:
-        truth = run.truth()
-        if truth is None or truth.sensor is None:
-            text = "simulated with the nominal sensor, which is no unit; use `run --sensor N`"
-            raise InputError(f"{run.folder}: {text}")
-        name = f"sensor {truth.sensor}"
-    elif serial is None:
-        text = "no unit: its protocol has no specimen.serial, the serial number of the sensor"
-        raise InputError(f"{run.folder}: {text}")
-    elif kind in ("gel", "print"):
-        ledger = SensorLedger.load(serial)
-        keys = {"gel": ("gel_batch",), "print": ("printer", "printed")}[kind]
-        values = {key: str(getattr(ledger, key)) for key in keys}
-        if empty := [key for key, value in values.items() if not value]:
-            raise InputError(f"{SensorLedger.file(serial)}: {empty[0]}: needed by --unit {kind}")
-        name = " ".join(values.values())
-    else:
-        name = serial
-    return f"{name}, {run.id}" if kind == "mounting" else name
-
-
 def _side(
     label: str, runs: Sequence[Run], names: Mapping[Path, str],
-    figures: Mapping[Path, PressFigures | None], measure: Measure,
+    figures: Mapping[Path, PressFigures], measure: Measure,
 ) -> Side:  # fmt: skip
     """Pool the presses of each unit's runs."""
     presses: dict[str, PressFigures] = {}
     for run in runs:
         part = presses.setdefault(names[run.folder], {})
-        for press, figure in (figures[run.folder] or {}).items():
+        for press, figure in figures[run.folder].items():
             part[f"{press} of {run.id}" if press in part else press] = figure
     units = {name: measure.over_presses(part.values()) for name, part in presses.items()}
     return Side(label, units, presses)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,9 +13,10 @@ import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import Run, open_run
-from deltact_fab.common import InputError, Store, cache_key
+from deltact_fab.common import InputError, Progress, Store, cache_key, run_each
 
 from ..measure.face import fit_rigid_motion
+from ..measure.flow.renewed import FUSED_METHOD
 from ..measure.force.inverse import Inverse
 from .flows import flow_key, open_follower
 from .force.dataset import ForceData, gather_data, open_force_runs
@@ -49,6 +50,15 @@ class Measure:
         """Mean of the figures, or their root mean square."""
         return float(np.mean(np.power([*figures], self.power)) ** (1 / self.power))
 
+    @staticmethod
+    def require(name: str, size: tuple[float, str], option: str) -> Measure:
+        """Return the measure of a name. Raises InputError for a size neither in % nor its unit."""
+        measure = COMPARED_MEASURES[name]
+        if size[1] not in ("%", measure.unit):
+            text = f"{name} is in {measure.unit}; or use %"
+            raise InputError(f"{option} {size[0]:g}{size[1]}: {text}")
+        return measure
+
 
 _FIGURE_STORE = Store("compared")
 
@@ -70,6 +80,32 @@ def press_figures(folder: Path, measure: str, method: str) -> PressFigures:
         raise InputError(f"{folder}: no press to compare by {measure}")
     _FIGURE_STORE.write(_key(run, measure, method), figures)
     return figures
+
+
+def run_figures(
+    folders: Sequence[Path], measure: str, method: str | None = None,
+    executor: Executor | None = None, progress: Progress | None = None,
+) -> dict[Path, PressFigures]:  # fmt: skip
+    """Figures of runs, from the cache or by `press_figures`. method: None for the fused tracker."""
+    method = method or FUSED_METHOD
+    stored = {folder: stored_figures(folder, measure, method) for folder in folders}
+    new = [folder for folder, figures in stored.items() if figures is None]
+    analyse = partial(press_figures, measure=measure, method=method)
+    parts = run_each(analyse, new, [str(folder) for folder in new], executor, progress)
+    figures = dict(zip(new, parts, strict=True))
+    return {folder: figures.get(folder) or stored[folder] or {} for folder in folders}
+
+
+def mean_interval(run: Run, measure: str, relative: bool) -> Interval:
+    """Mean of a run's figures with its interval over places; that of their logarithms if relative.
+
+    Raises InputError as `press_figures` does.
+    """
+    figures = run_figures([run.folder], measure)[run.folder]
+    places = {row["name"]: (row["x_mm"], row["y_mm"]) for row in run.meta["presses"]}
+    values = np.array([*figures.values()])
+    values = np.log(values) if relative else values
+    return Interval.mean(values, [places[press] for press in figures], "place")
 
 
 def _presses(run: Run) -> list[str]:

@@ -13,7 +13,14 @@ import pandas as pd
 
 from deltact_fab.bench import Run, encode_png, load_protocol, open_run
 from deltact_fab.common import Check, InputError, graded, html_table, read_json, write_page
-from deltact_fab.estimate import DeepestPress, RunMeasurement, ShapeResult, TrackingResult
+from deltact_fab.estimate import (
+    Comparison,
+    DeepestPress,
+    Interval,
+    RunMeasurement,
+    ShapeResult,
+    TrackingResult,
+)
 
 from . import figures, run_figures
 
@@ -141,33 +148,31 @@ def write_imported_page(run: Run, out: Path) -> Path:
 
 
 def plan_checks(run: Run) -> Iterator[Check]:
-    """Checks of a run that was planned: promised beside reached, and what was not as planned.
-
-    Reached is the error on presses to validate, of the last `calibrate force`.
-    """
+    """Checks of a run that was planned: promised beside reached, and what was not as planned."""
     promise = run.meta["protocol"].get("promise")
     if promise is None:
         return
     unit, goal, (low, high) = promise["unit"], promise["goal"], promise["interval"]
+    upper = f"{high:.2g}" if high < 100 else f"{high:.0f}"
     text = (
-        f"Promised: {promise['measure']} to {promise['error']:.2g} {unit} [{low:.2g} to "
-        f"{high:.2g}], goal {goal:g} {unit} with chance {promise['chance']:.2g}. "
+        f"Promised: {promise['measure']} to {promise['error']:.2g} {unit} [{low:.2g} to {upper}], "
+        f"goal {goal:g} {unit} with chance {promise['chance']:.2g}. "
     )
-    file = run.folder / "analysis" / "force.json"
-    reached = read_json(file).get("validation", {}).get("normal") if file.is_file() else None
+    reached, remedy = _reached(run, promise["measure"], unit == "%")
     if reached is None:
-        text += "Reached: unknown; run `calibrate force`."
-        yield Check("plan", value=text, status="warn")
+        yield Check("plan", value=f"{text}Reached: unknown; {remedy}.", status="warn")
     else:
-        value, upper = reached["value"], reached["high"]
-        span = "" if upper is None else f" [{reached['low']:.2g} to {upper:.2g}]"
+        value, bound = reached.value, reached.high
+        span = "" if bound is None else f" [{reached.low:.2g} to {bound:.2g}]"
         promised = low <= value <= high
         result = "met" if value <= goal else "missed"
-        if upper is not None and upper <= goal:
+        if bound is not None and bound <= goal:
             result = "shown"
-        text += f"Reached: {value:.2g} {unit}{span} over {reached['over']}; the goal is {result}"
+        text += f"Reached: {value:.2g} {unit}{span} over {reached.over}; the goal is {result}"
         text += "." if promised else ", outside of what was promised."
-        warns = result != "shown" or not promised
+        # The interval of a mean is what it is; an error on presses to validate is an estimate.
+        goal_word = "shown" if promise["measure"] == "normal force" else "met"
+        warns = result not in ("shown", goal_word) or not promised
         yield Check("plan", value=text, status=graded(True, warns=warns))
     protocol, _ = load_protocol(str(run.folder / "protocol.toml"))
     deviations = []
@@ -176,6 +181,29 @@ def plan_checks(run: Run) -> Iterator[Check]:
     if skipped := len(run.skipped):
         deviations.append(f"{skipped} planned presses and changes were skipped.")
     yield from Check.warnings("plan-deviation", deviations)
+
+
+def _reached(run: Run, measure: str, relative: bool) -> tuple[Interval | None, str]:
+    """Return what a planned run reached, or None and the reason or remedy.
+
+    Error on presses to validate, of the last `calibrate force`; half width of a mean's interval.
+    """
+    name = measure.partition(" of ")[2]
+    if name:
+        return None, f"run `analyze compare --measure {name}` with the runs of both sides"
+    if measure == "normal force":
+        file = run.folder / "analysis" / "force.json"
+        reached = read_json(file).get("validation", {}).get("normal") if file.is_file() else None
+        return None if reached is None else Interval(**reached), "run `calibrate force`"
+    try:
+        mean = Comparison.mean_interval(run, measure.split()[1], relative)
+    except InputError as error:
+        return None, str(error)
+    if mean.low is None or mean.high is None:
+        return None, mean.over
+    half = (mean.high - mean.low) / 2
+    half = 100 * float(np.expm1(half)) if relative else half
+    return Interval(half, None, None, mean.over), ""
 
 
 def _run_checks(

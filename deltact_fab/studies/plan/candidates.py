@@ -1,4 +1,4 @@
-"""Candidate presses for a force calibration, and the features that a linear gel gives for them.
+"""Candidate presses of a plan, and the features that a linear gel gives for them.
 
 Places are space-filling (Sobol) in a quarter of the reach; a press that is chosen is mirrored into
 one of the quarters, as mirror images have the same features but for signs. A press goes to one
@@ -130,16 +130,18 @@ class GelFeatures:
 
 
 def spread_candidates(
-    gel: GelFeatures, tips: Sequence[str], range_n: float, view: CameraModel, seed: int
-) -> tuple[list[Candidate], list[Candidate]]:
+    gel: GelFeatures, tips: Sequence[str], range_n: float, view: CameraModel, seed: int,
+    places: int | None = None,
+) -> tuple[list[Candidate], list[Candidate]]:  # fmt: skip
     """Spread candidates over tips, places and depths: those to fit, and others to validate.
 
-    All are in one quadrant; their places differ. Raises InputError for a tip without room.
+    All are in one quadrant; their places differ, FIT_PLACES and VALIDATION_PLACES by default.
+    Raises InputError for a tip without room.
     """
     deepest = {tip: gel.largest_depth_mm(tip, range_n) for tip in tips}
     slip_share = SLIP_FACTOR * gel.material.friction
     reach_mm = np.min([_reach_mm(gel, tip, deepest[tip], view) for tip in tips], axis=0)
-    count = FIT_PLACES + VALIDATION_PLACES
+    count = places or FIT_PLACES + VALIDATION_PLACES
     folded = qmc.Sobol(2, seed=np.random.default_rng(seed)).random(count) * reach_mm
     parts: list[list[Candidate]] = [[], []]
     for k, place in enumerate(np.floor(folded / PLACE_STEP_MM) * PLACE_STEP_MM):

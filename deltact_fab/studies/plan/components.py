@@ -1,8 +1,9 @@
-"""Components of a force model's error (repeat, place, tip, drift), with their uncertainty.
+"""Components of the errors of presses (repeat, place, tip, drift), with their uncertainty.
 
     y = X b + f (place + tip + drift) + repeat
 
 The deviations of places and tips, and the drift, are shares of the force f; the repeat is in N.
+For figures of presses y is the figure's share of their mean, and X and f are 1.
 Their standard deviations are estimated by restricted likelihood (Patterson and Thompson, Biometrika
 58, 1971, 545), which corrects for the fitted b. Each has a lognormal prior around a measured value:
 many groups outweigh it, one group leaves it as it is, which counts as assumed.
@@ -11,6 +12,7 @@ many groups outweigh it, one group leaves it as it is, which counts as assumed.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -37,12 +39,11 @@ _PROPOSAL_COUNT, _PROPOSAL_FREEDOM, _LOG_STEP = 8000, 5, 1e-3  # by hand: of the
 
 @dataclass(frozen=True)
 class ForcePoints:
-    """Points of a pilot: regressors X (n, k), forces y (n,) in N; codes (n,) of places and tips."""
+    """Points of a pilot: regressors X (n, k), forces y (n,) in N; codes (n,) by component."""
 
     X: Array
     y: Array
-    places: Array
-    tips: Array
+    groups: dict[str, Array]
 
     @classmethod
     def from_result(cls, result: ForceResult) -> Self:
@@ -53,19 +54,21 @@ class ForcePoints:
         rows = normal_n > LIGHT_SHARE * normal_n.max()
         points = data.points[rows]
         # Mirror images are one place, as in cross-validation.
-        places, tips = (
-            np.unique(points[name], return_inverse=True)[1] for name in ("position", "indenter")
-        )
-        if places.max() + 1 < MIN_PILOT_PLACES:
+        columns = {"place": "position", "tip": "indenter"}
+        groups = {
+            name: np.unique(points[column], return_inverse=True)[1]
+            for name, column in columns.items()
+        }
+        if groups["place"].max() + 1 < MIN_PILOT_PLACES:
             use = use[:1]
-        return cls(-data.features[FORCE_MODEL][rows][:, use], normal_n[rows], places, tips)
+        return cls(-data.features[FORCE_MODEL][rows][:, use], normal_n[rows], groups)
 
 
 @dataclass(frozen=True)
 class ErrorComponents:
-    """Standard deviations of the components, by the keys of ASSUMED_ERRORS.
+    """Standard deviations of the components, such as those of ASSUMED_ERRORS.
 
-    draws: (COMPONENT_DRAWS, 4) from their distribution, in that order. basis: what each rests on.
+    draws: (COMPONENT_DRAWS, n) from their distribution. basis: sources, by component.
     """
 
     draws: Array
@@ -78,7 +81,7 @@ class ErrorComponents:
 
     def interval(self, name: str) -> tuple[float, float, float]:
         """Median of a component, and its 95 % interval."""
-        column = self.draws[:, list(ASSUMED_ERRORS).index(name)]
+        column = self.draws[:, list(self.basis).index(name)]
         middle, low, high = np.quantile(column, (0.5, 0.025, 0.975))
         return float(middle), float(low), float(high)
 
@@ -86,39 +89,38 @@ class ErrorComponents:
         names = ("value", "low", "high")
         return {
             name: dict(zip(names, self.interval(name), strict=True)) | {"basis": self.basis[name]}
-            for name in ASSUMED_ERRORS
+            for name in self.basis
         }
 
     @classmethod
-    def assume(cls, seed: int) -> Self:
+    def assume(cls, seed: int, assumed: Mapping[str, float] = ASSUMED_ERRORS) -> Self:
         """Draw all components from their priors."""
         rng = np.random.default_rng(seed)
-        normal = rng.standard_normal((COMPONENT_DRAWS, len(ASSUMED_ERRORS)))
-        draws = np.array([*ASSUMED_ERRORS.values()]) * PRIOR_FACTOR**normal
-        return cls(draws, dict.fromkeys(ASSUMED_ERRORS, "assumed"))
+        normal = rng.standard_normal((COMPONENT_DRAWS, len(assumed)))
+        draws = np.array([*assumed.values()]) * PRIOR_FACTOR**normal
+        return cls(draws, dict.fromkeys(assumed, "assumed"))
 
     @classmethod
     def estimate(
-        cls, points: ForcePoints, seed: int, drift_per_h: tuple[float, float] | None = None
-    ) -> Self:
+        cls, points: ForcePoints, seed: int, drift_per_h: tuple[float, float] | None = None,
+        assumed: Mapping[str, float] = ASSUMED_ERRORS,
+    ) -> Self:  # fmt: skip
         """Estimate the components from a pilot's points.
 
-        drift_per_h: share of the force per hour and its standard error; None: assumed. Raises
-        InputError for fewer points than the model has coefficients plus two.
+        drift_per_h: share of the force per hour and its standard error; None: assumed. assumed:
+        priors of the error between repeats, of the points' groups, and of what no pilot tells.
+        Raises InputError for fewer points than the model has coefficients plus two.
         """
         count, k = points.X.shape
         if count < k + 2:
             raise InputError(f"pilot: {count} points in contact; at least {k + 2} are needed")
-        priors = cls.assume(seed)
-        likelihood = _Likelihood(points)
-        log_sd = _sample(likelihood, np.random.default_rng(seed))
-        draws = np.column_stack((np.exp(log_sd), priors.draws[:, 3]))
-        basis = {
-            "repeat": f"pilot, {count} points",
-            "place": _basis(points.places, "place"),
-            "tip": _basis(points.tips, "tip"),
-            "drift": "assumed",
-        }
+        priors, repeat = cls.assume(seed, assumed), next(iter(assumed))
+        likelihood, n = _Likelihood(points), len(points.groups) + 1
+        centre = np.log([*assumed.values()][:n])
+        log_sd = _sample(likelihood, centre, np.random.default_rng(seed))
+        draws = np.column_stack((np.exp(log_sd), priors.draws[:, n:]))
+        basis = {**priors.basis, repeat: f"pilot, {count} points"}
+        basis |= {name: _basis(codes, name) for name, codes in points.groups.items()}
         if drift_per_h is not None:
             drift, error = drift_per_h
             normal = np.random.default_rng(seed).standard_normal(COMPONENT_DRAWS)
@@ -133,7 +135,7 @@ def _basis(codes: Array, noun: str) -> str:
 
 
 class _Likelihood:
-    """Restricted log-likelihood of log standard deviations (3,): repeat, place, tip.
+    """Restricted log-likelihood of log standard deviations (n,): of a repeat, of the groups.
 
     Points are first rotated onto the span of all columns; the rest depends on the repeat alone.
     """
@@ -143,7 +145,7 @@ class _Likelihood:
         force_n = points.X[:, 0] * factor
         parts = [
             force_n[:, None] * (codes[:, None] == np.unique(codes))
-            for codes in (points.places, points.tips)
+            for codes in points.groups.values()
         ]
         scaled = points.X / np.linalg.norm(points.X, axis=0)
         columns = np.column_stack((scaled, *parts))
@@ -169,15 +171,18 @@ class _Likelihood:
         return -0.5 * float(determinants + misfit @ misfit + rest)
 
 
-def _sample(likelihood: _Likelihood, rng: np.random.Generator) -> Array:
-    """Draw log standard deviations (COMPONENT_DRAWS, 3): importance sampling around the mode."""
-    centre = np.log([*ASSUMED_ERRORS.values()][:3])
+def _sample(likelihood: _Likelihood, centre: Array, rng: np.random.Generator) -> Array:
+    """Draw log standard deviations (COMPONENT_DRAWS, n): importance sampling around the mode.
+
+    centre: of their prior.
+    """
+    n = len(centre)
 
     def minus_log(p: Array) -> float:
         return -likelihood(p) + 0.5 * float(np.sum(((p - centre) / math.log(PRIOR_FACTOR)) ** 2))
 
     mode = optimize.minimize(minus_log, centre, method="Nelder-Mead").x
-    unit = _LOG_STEP * np.eye(3)
+    unit = _LOG_STEP * np.eye(n)
     signs = [(s, t) for s in (1, -1) for t in (1, -1)]
     curvature = [
         [sum(s * t * minus_log(mode + s * a + t * b) for s, t in signs) for b in unit] for a in unit
@@ -186,11 +191,11 @@ def _sample(likelihood: _Likelihood, rng: np.random.Generator) -> Array:
     values, vectors = np.linalg.eigh((hessian + hessian.T) / 2)
     # No direction is surer than its curvature says, nor less sure than twice the prior.
     root = vectors / np.sqrt(np.maximum(values, 0.25 / math.log(PRIOR_FACTOR) ** 2))
-    normal = rng.standard_normal((_PROPOSAL_COUNT, 3))
+    normal = rng.standard_normal((_PROPOSAL_COUNT, n))
     stretch = np.sqrt(_PROPOSAL_FREEDOM / rng.chisquare(_PROPOSAL_FREEDOM, _PROPOSAL_COUNT))
     steps = normal * stretch[:, None]
     distance2 = (steps**2).sum(axis=1)
-    log_proposal = -(_PROPOSAL_FREEDOM + 3) / 2 * np.log1p(distance2 / _PROPOSAL_FREEDOM)
+    log_proposal = -(_PROPOSAL_FREEDOM + n) / 2 * np.log1p(distance2 / _PROPOSAL_FREEDOM)
     proposals = mode + steps @ root.T
     log_weight = np.array([-minus_log(p) for p in proposals]) - log_proposal
     weight = np.exp(log_weight - log_weight.max())

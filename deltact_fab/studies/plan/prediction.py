@@ -26,27 +26,28 @@ class PlannedStops:
 
 @dataclass(frozen=True)
 class ErrorPrediction:
-    """Predicted rms errors in N, one per draw: sorted figures (m,) of presses to validate."""
+    """Predicted figures, sorted, one per draw of the error components, in the unit of the goal."""
 
-    rms_n: Array
-
-    @property
-    def error_n(self) -> float:
-        """Median of the predicted errors."""
-        return self.reached_n(0.5)
+    figures: Array
 
     @property
-    def interval_n(self) -> tuple[float, float]:
-        """Interval that holds 95 % of the predicted errors."""
-        return self.reached_n(0.025), self.reached_n(0.975)
+    def error(self) -> float:
+        """Median of the predicted figures."""
+        return float(np.median(self.figures))
 
-    def chance(self, goal_n: float) -> float:
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Interval that holds 95 % of the predicted figures."""
+        low, high = np.quantile(self.figures, (0.025, 0.975))
+        return float(low), float(high)
+
+    def chance(self, goal: float) -> float:
         """Share of the draws that meet a goal."""
-        return float(np.mean(self.rms_n <= goal_n))
+        return float(np.mean(self.figures <= goal))
 
-    def reached_n(self, chance: float = SURE_CHANCE) -> float:
+    def reached(self, chance: float = SURE_CHANCE) -> float:
         """Smallest goal that is met with a chance."""
-        return float(np.quantile(self.rms_n, chance))
+        return float(np.quantile(self.figures, chance))
 
 
 def predict_errors(
@@ -57,7 +58,7 @@ def predict_errors(
     hours: float,
     seed: int,
 ) -> ErrorPrediction:
-    """Simulate calibrations and validations, one per draw of the error components.
+    """Simulate rms errors in N of validated calibrations, one per draw of the error components.
 
     Each is fitted as `calibrate force` does. Places of the validation are others than the fitted
     ones; its tips are among them. hours: duration of the run, over which drift is spread evenly.

@@ -9,10 +9,23 @@ from typing import Any
 
 from deltact_fab.bench import SensorLedger
 from deltact_fab.common import Check, InputError, Progress, format_duration, write_new_file
+from deltact_fab.estimate import Comparison
 
-from .force import RANGE_SHARE, REFERENCE_EVERY, ForceDesign, ForceGoal, ForcePlanner, protocol_text
+from .compare import ComparePlanner
+from .force import ForcePlanner
+from .mean import ASSUMED_FIGURES, MeanPlanner
 from .pilot import SETTLED_SHARE, Pilot
-from .prediction import SURE_CHANCE
+from .planner import (
+    REFERENCE_EVERY,
+    PlanDesign,
+    PlanGoal,
+    Planner,
+    format_counts,
+    format_size,
+    protocol_text,
+)
+
+RANGE_SHARE = 0.9  # by hand: of the range, below which the gel's depth is what limits the force
 
 
 @dataclass(frozen=True)
@@ -20,32 +33,33 @@ class PlanReport:
     """Report of a plan.
 
     longer: the smallest design that meets the goal but takes too long, None if there is none.
-    ledger_presses: of the sensor so far, None if it has no ledger.
+    ledger_presses: of the sensor so far, None if it has no ledger. files: protocols.
     """
 
-    planner: ForcePlanner
-    design: ForceDesign
-    longer: ForceDesign | None = None
+    planner: Planner
+    design: PlanDesign
+    longer: PlanDesign | None = None
     ledger_presses: int | None = None
+    files: Sequence[Path] = ()
 
     @property
     def lines(self) -> list[str]:
         """Presses, waits and cost, error and chance, then what each rests on."""
         planner, design, goal = self.planner, self.design, self.planner.goal
         prediction, wait_s = design.prediction, planner.settle_s
-        low, high = prediction.interval_n
+        middle, low, high = map(format_size, (prediction.error, *prediction.interval))
         tips = ", ".join(planner.tips)
         tips += " only (nobody changes tips)" if goal.unattended else ""
+        chance, names = prediction.chance(goal.size), [file.stem for file in self.files]
         lines = [
-            f"{goal.name}: {tips}; {design.estimate.presses} presses in random order: "
-            f"{design.presses} to fit, {len(planner.validation)} only to validate, a reference "
-            f"press every {REFERENCE_EVERY}",
+            f"{', '.join(names) or goal.name}: {tips}; {design.estimate.presses} presses in random "
+            f"order: {format_counts(design.counts)}, a reference press every {REFERENCE_EVERY}",
             f"settle {wait_s['press']:.3g} s, after a drag {wait_s['shear']:.3g} s (within "
             f"{SETTLED_SHARE:.0%} of steady: {planner.relaxation[1]}); "
             f"{format_duration(design.estimate.seconds)}, "
             f"{design.estimate.disk_mb / 1000:.2g} GB{self._wear}",
-            f"normal force, place unseen: {prediction.error_n:.2g} N [{low:.2g} to {high:.2g}]; "
-            f"goal {goal.error_n:g} N: chance {prediction.chance(goal.error_n):.2f}",
+            f"{planner.title}: {middle} {goal.unit} [{low} to {high}]; goal {goal}: chance "
+            f"{chance:.2f}",
             *(f"rests on: {line}" for line in planner.basis()),
         ]
         if planner.largest_force_n < RANGE_SHARE * goal.range_n:
@@ -53,10 +67,9 @@ class PlanReport:
                 f"range {goal.range_n:g} N: not with these tips on this gel; "
                 f"{planner.largest_force_n:.2g} N is"
             )
-        if prediction.chance(goal.error_n) < SURE_CHANCE:
-            lines.append(self._nearest)
-        if len(planner.tips) == 1:
-            lines.append("other tips: not predicted by presses of one tip")
+        if chance < planner.sure_chance:
+            lines.append(planner.nearest(design, self.longer))
+        lines += planner.details(design)
         return [*lines, *(f"pilot: {line}" for line in planner.pilot.lines)]
 
     @property
@@ -67,24 +80,7 @@ class PlanReport:
             return ""
         return f"; {serial} has {count} presses, then {count + self.design.estimate.presses}"
 
-    @property
-    def _nearest(self) -> str:
-        """The nearest goal that can be met, and the time that the goal takes."""
-        goal = self.planner.goal
-        text = (
-            f"goal {goal.error_n:g} N: not with chance {SURE_CHANCE:g} within "
-            f"{format_duration(goal.time_s)}; {self.design.prediction.reached_n():.2g} N is"
-        )
-        if self.longer is not None:
-            text += f", or {goal.error_n:g} N in {format_duration(self.longer.estimate.seconds)}"
-        elif self.design.prediction.error_n <= goal.error_n:
-            text += "; more presses change little, a pilot of more places and presses decides"
-        else:
-            text += "; more presses change little"
-        return text
-
-    @property
-    def data(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Figures as plain data."""
         planner, design = self.planner, self.design
         promise = planner.promised(design).promise
@@ -92,44 +88,68 @@ class PlanReport:
         return {
             **promise.model_dump(mode="json"),
             "tips": list(planner.tips),
-            "fit": design.presses,
+            "counts": design.counts,
             "largest_force_n": planner.largest_force_n,
-            "validate": len(planner.validation),
             "settle_s": planner.settle_s,
             "relaxation": planner.relaxation[1],
             "estimate": asdict(design.estimate),
             "components": planner.pilot.components.as_dict(),
-            "sure_goal_n": design.prediction.reached_n(),
+            "sure_goal": design.prediction.reached(),
             "goal_met_after_s": None if self.longer is None else self.longer.estimate.seconds,
             "pilot_presses": planner.pilot.presses,
             "ledger_presses": self.ledger_presses,
+            "files": [str(file) for file in self.files],
         }
 
 
-def plan_force(
-    file: Path, rig: str, range_n: float, goal_n: float, time_s: float,
-    pilots: Sequence[Path] = (), *, tips: Sequence[str] = (),
+def write_plan(
+    file: Path, quantity: str, rig: str, range_n: float, goal: tuple[float, str], time_s: float,
+    pilots: Sequence[Path] = (), *, patterns: Sequence[str] = (), tips: Sequence[str] = (),
     specimen: dict[str, str | None] | None = None, unattended: bool = False, seed: int = 0,
-    progress: Progress | None = None,
+    sensors: int | None = None, presses: int | None = None, progress: Progress | None = None,
 ) -> PlanReport:  # fmt: skip
-    """Plan a force calibration and write its protocol to a new file; see `ForceGoal`.
+    """Plan presses for a goal and write their protocol to a new file; see `PlanGoal`.
 
-    Raises InputError for a goal that no plan serves, with the nearest value that one does, and for
-    a plan that `protocol check` refuses.
+    quantity: "force", to calibrate, or a measure of `analyze compare`: its mean over the face, or,
+    with patterns of two sides, their difference, in a file for each. sensors, presses: a side, and
+    on each sensor. Raises InputError for a goal that no plan serves, with the nearest value that
+    one does, and for a plan that `protocol check` refuses.
     """
-    if file.exists():
-        raise InputError(f"-o {file}: already exists; name a new file")
+    stems = [f"-{Path(pattern).stem}" for pattern in patterns] or [""]
+    files = [file.with_stem(f"{file.stem}{stem}") for stem in stems]
+    if len(set(files)) < len(files):
+        raise InputError(f"{patterns[0]} and {patterns[1]}: two sides of one name")
+    for path in files:
+        if path.exists():
+            raise InputError(f"-o {path}: already exists; name a new file")
     stated = {key: value for key, value in (specimen or {}).items() if value is not None}
-    presses = None
+    ledger_presses = None
     if "serial" in stated:
-        presses, recorded = _read_ledger(stated["serial"])
+        ledger_presses, recorded = _read_ledger(stated["serial"])
         stated = ({} if recorded is None else {"design": recorded}) | stated
-    goal = ForceGoal(file.stem, rig, range_n, goal_n, time_s, tuple(tips), stated, unattended, seed)
-    planner = ForcePlanner(goal, Pilot.load(pilots, seed, progress), progress)
+    if patterns:
+        stated["pattern"] = patterns[0]
+    target = PlanGoal(files[0].stem, rig, range_n, *goal, time_s, tuple(tips), stated, unattended,
+                      seed)  # fmt: skip
+    planner: Planner
+    if quantity == "force" and not patterns:
+        planner = ForcePlanner(target, Pilot.load(pilots, seed, progress), progress)
+    else:
+        Comparison.require_measure(quantity, goal, "--difference" if patterns else "--goal")
+        kind = ComparePlanner if patterns else MeanPlanner
+        assumed = {name: ASSUMED_FIGURES[quantity][name] for name in kind.groups}
+        pilot = Pilot.load_figures(
+            pilots, quantity, assumed, seed, relative=target.unit == "%", progress=progress
+        )
+        planner = kind(target, pilot, quantity, *((sensors, presses) if patterns else ()))
     design, longer = planner.plan()
-    Check.require(planner.checks(design), str(file))
-    report = PlanReport(planner, design, longer, presses)
-    write_new_file(file, protocol_text(planner.promised(design), report.lines))
+    report = PlanReport(planner, design, longer, ledger_presses, files)
+    sides = [planner.redesign(design, path.stem, pattern)
+             for path, pattern in zip(files, patterns, strict=False)] or [design]  # fmt: skip
+    for path, side in zip(files, sides, strict=True):
+        Check.require(planner.checks(side), str(path))
+    for path, side in zip(files, sides, strict=True):
+        write_new_file(path, protocol_text(planner.promised(side), report.lines))
     return report
 
 

@@ -17,7 +17,7 @@ def pilot(
     X = np.full((len(codes), 1), 4.0)
     shares = place * rng.standard_normal(places)[codes]
     y = 4.0 * (1.02 + shares) + repeat_n * rng.standard_normal(len(codes))
-    return ForcePoints(X, y, codes, np.zeros(len(codes), int))
+    return ForcePoints(X, y, {"place": codes, "tip": np.zeros(len(codes), int)})
 
 
 def test_many_places_give_anova_estimates() -> None:

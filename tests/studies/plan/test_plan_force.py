@@ -15,9 +15,10 @@ from deltact_fab.studies.plan import candidates, force
 from deltact_fab.studies.plan.candidates import Candidate, GelFeatures
 from deltact_fab.studies.plan.components import ASSUMED_ERRORS, ErrorComponents
 from deltact_fab.studies.plan.exchange import force_regressors
-from deltact_fab.studies.plan.force import ForceGoal, ForcePlanner, protocol_text
+from deltact_fab.studies.plan.force import ForcePlanner
 from deltact_fab.studies.plan.pilot import Pilot
-from deltact_fab.studies.plan.report import PlanReport, plan_force
+from deltact_fab.studies.plan.planner import PlanGoal, protocol_text
+from deltact_fab.studies.plan.report import PlanReport, write_plan
 
 GEL = GelFeatures(SkinDimensions(), GelMaterial(0.56, 0.49, 0.5), 1.0)
 
@@ -33,7 +34,7 @@ def few_places() -> None:
 
 
 def planner(error_n: float = 0.5, time_s: float = 3600.0, **settings: object) -> ForcePlanner:
-    goal = ForceGoal("night", "virtual", 4.0, error_n, time_s, ("sphere:10",), **settings)
+    goal = PlanGoal("night", "virtual", 4.0, error_n, "N", time_s, ("sphere:10",), **settings)
     return ForcePlanner(goal, Pilot(ErrorComponents.assume(0), {}))
 
 
@@ -43,19 +44,20 @@ def test_plan_passes_check_and_repeats(few_places: None, tmp_path: Path) -> None
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
         file = tmp_path / name / "night.toml"
-        report = plan_force(
-            file, "virtual", 4.0, 0.5, 3600.0, tips=["sphere:10"], seed=int(name == "c")
-        )
+        report = write_plan(
+            file, "force", "virtual", 4.0, (0.5, "N"), 3600.0, tips=["sphere:10"],
+            seed=int(name == "c"),
+        )  # fmt: skip
         texts.append(file.read_bytes())
     assert texts[0] == texts[1] != texts[2]
     protocol, _ = load_protocol(str(file))
     request = RunRequest(str(file), "virtual", tmp_path)
     assert {row.status for row in request.checks()} == {"pass"}
     roles = [press.role for press in protocol.list_presses()]
-    assert roles.count("validate") == report.data["validate"] == 4
+    assert roles.count("validate") == report.as_dict()["counts"]["only to validate"] == 4
     assert roles.count("reference") >= 2
-    assert len(roles) == report.data["estimate"]["presses"]
-    assert request.estimate().seconds == report.data["estimate"]["seconds"] <= 3600
+    assert len(roles) == report.as_dict()["estimate"]["presses"]
+    assert request.estimate().seconds == report.as_dict()["estimate"]["seconds"] <= 3600
 
 
 @pytest.mark.slow
@@ -94,7 +96,7 @@ def test_smaller_errors_need_fewer_presses(few_places: None) -> None:
         draws = np.tile(factor * np.array([*ASSUMED_ERRORS.values()]), (2000, 1))
         components = ErrorComponents(draws, dict.fromkeys(ASSUMED_ERRORS, "test"))
         plan.pilot = Pilot(components, {})
-        needed.append(plan.plan()[0].presses)
+        needed.append(plan.plan()[0].counts["to fit"])
     assert needed[0] < needed[1]
 
 
@@ -102,7 +104,7 @@ def test_unreachable_goal_tells_the_nearest(few_places: None) -> None:
     plan = planner(error_n=0.001)
     design, longer = plan.plan()
     report = PlanReport(plan, design, longer)
-    nearest = design.prediction.reached_n()
+    nearest = design.prediction.reached()
     assert design.prediction.chance(0.001) == 0.0
     assert design.prediction.chance(nearest) == pytest.approx(0.9, abs=0.01)
     assert longer is None
@@ -114,7 +116,7 @@ def test_longer_plan_is_told_by_time(few_places: None) -> None:
     """A goal between what 4 and 16 presses meet, in the time of 4."""
     plan = planner()
     few, many = plan.design(4), plan.design(16)
-    goal_n = (few.prediction.reached_n() + many.prediction.reached_n()) / 2
+    goal_n = (few.prediction.reached() + many.prediction.reached()) / 2
     short = planner(error_n=goal_n, time_s=few.estimate.seconds + 1)
     design, longer = short.plan()
     assert longer is not None
@@ -129,7 +131,7 @@ def test_range_beyond_the_gel_is_told(few_places: None) -> None:
     design = plan.design(4)
     assert plan.largest_force_n == pytest.approx(4.0, rel=0.05)
     assert not any(line.startswith("range ") for line in PlanReport(plan, design).lines)
-    goal = ForceGoal("night", "virtual", 300.0, 0.5, 3600.0, ("sphere:10",))
+    goal = PlanGoal("night", "virtual", 300.0, 0.5, "N", 3600.0, ("sphere:10",))
     plan = ForcePlanner(goal, plan.pilot)
     line = next(line for line in PlanReport(plan, design).lines if line.startswith("range "))
     assert f"range 300 N: not with these tips on this gel; {plan.largest_force_n:.2g} N is" in line
@@ -137,26 +139,28 @@ def test_range_beyond_the_gel_is_told(few_places: None) -> None:
 
 
 def test_time_too_short_is_refused(few_places: None) -> None:
-    with pytest.raises(InputError, match=r"--time 30 s: the smallest plan, 4 presses.*takes "):
+    with pytest.raises(InputError, match=r"--time 30 s: the smallest plan, 4 to fit, .*takes "):
         planner(time_s=30.0).plan()
 
 
 def test_contradicting_options_are_refused(tmp_path: Path) -> None:
-    goal = ForceGoal("night", "virtual", 4.0, 0.1, 3600.0, ("sphere:10", "sphere:15"))
+    goal = PlanGoal("night", "virtual", 4.0, 0.1, "N", 3600.0, ("sphere:10", "sphere:15"))
     assumed = ErrorComponents.assume(0)
-    unattended = ForceGoal(**{**vars(goal), "unattended": True})
+    unattended = PlanGoal(**{**vars(goal), "unattended": True})
     with pytest.raises(InputError, match="--tip: sphere:10, sphere:15; --unattended needs one"):
         ForcePlanner(unattended, Pilot(assumed, {}))
-    other = ForceGoal(**{**vars(goal), "specimen": {"design": "mine"}})
+    other = PlanGoal(**{**vars(goal), "specimen": {"design": "mine"}})
     with pytest.raises(InputError, match="--design: 'mine'; the pilot's is 'deltact'"):
         ForcePlanner(other, Pilot(assumed, {"design": "deltact"}))
     with pytest.raises(
         InputError, match=r"--serial A9: no sensors.A9.toml; `rig sensors --new A9`"
     ):
-        plan_force(tmp_path / "x.toml", "virtual", 4, 0.1, 3600, specimen={"serial": "A9"})
+        write_plan(
+            tmp_path / "x.toml", "force", "virtual", 4, (0.1, "N"), 3600, specimen={"serial": "A9"}
+        )
     (tmp_path / "y.toml").write_text("")
     with pytest.raises(InputError, match=r"y.toml: already exists"):
-        plan_force(tmp_path / "y.toml", "virtual", 4, 0.1, 3600)
+        write_plan(tmp_path / "y.toml", "force", "virtual", 4, (0.1, "N"), 3600)
     with pytest.raises(InputError, match=r"--range 0.01 N: sphere:10 reaches it .*; at least 0"):
         GEL.largest_depth_mm("sphere:10", 0.01)
 
@@ -168,11 +172,11 @@ def test_ledger_counts_presses(
     Path("sensors").mkdir()
     event = 'date = "2026-01-01T00:00:00Z", presses = 214, simulated = true'
     Path("sensors/A1.toml").write_text(f'[events]\n"run abc" = {{{event}}}\n')
-    report = plan_force(
-        Path("night.toml"), "virtual", 4.0, 0.5, 3600.0, tips=["sphere:10"],
+    report = write_plan(
+        Path("night.toml"), "force", "virtual", 4.0, (0.5, "N"), 3600.0, tips=["sphere:10"],
         specimen={"serial": "A1"}, unattended=True,
     )  # fmt: skip
-    total = 214 + report.data["estimate"]["presses"]
+    total = 214 + report.as_dict()["estimate"]["presses"]
     assert f"; A1 has 214 presses, then {total}" in report.lines[1]
     assert "sphere:10 only (nobody changes tips)" in report.lines[0]
     assert load_protocol("night.toml")[0].specimen.serial == "A1"

@@ -32,7 +32,7 @@ def test_chance_is_that_of_chi_square() -> None:
     for goal_n in (0.04, 0.05, 0.06):
         closed = chi2.cdf(12 * (goal_n / 0.05) ** 2, 12)
         assert prediction.chance(goal_n) == pytest.approx(closed, abs=0.025)
-    assert prediction.chance(prediction.reached_n(0.9)) == pytest.approx(0.9, abs=0.01)
+    assert prediction.chance(prediction.reached(0.9)) == pytest.approx(0.9, abs=0.01)
 
 
 def test_few_presses_add_their_own_error() -> None:
@@ -42,7 +42,7 @@ def test_few_presses_add_their_own_error() -> None:
             stops(count, 0), stops(8, count), fixed(0, 0.03, 0.5, 0), 130, 1, 0
         )
         closed = (4 * 0.03) ** 2 * (1 + 1 / count)
-        assert np.mean(prediction.rms_n**2) == pytest.approx(closed, rel=0.05)
+        assert np.mean(prediction.figures**2) == pytest.approx(closed, rel=0.05)
 
 
 def test_drift_counts_by_the_duration() -> None:
@@ -50,14 +50,14 @@ def test_drift_counts_by_the_duration() -> None:
         drift = fixed(0, 0, 0, 0.02)
         prediction = predict_errors(stops(50, 0), stops(10, 50), drift, 130, hours, 0)
         closed = (4 * 0.02 * hours) ** 2 / 12 * (1 + 1 / 50)
-        assert np.mean(prediction.rms_n**2) == pytest.approx(closed, rel=0.05)
+        assert np.mean(prediction.figures**2) == pytest.approx(closed, rel=0.05)
 
 
 def test_uncertain_components_widen_the_interval() -> None:
     certain = predict_errors(stops(20, 0), stops(12, 20), fixed(0.05, 0.02, 0, 0), 130, 1, 0)
     assumed = ErrorComponents.assume(0)
     uncertain = predict_errors(stops(20, 0), stops(12, 20), assumed, 130, 1, 0)
-    ratios = [high / low for low, high in (certain.interval_n, uncertain.interval_n)]
+    ratios = [high / low for low, high in (certain.interval, uncertain.interval)]
     assert ratios[1] > 1.5 * ratios[0]
 
 
