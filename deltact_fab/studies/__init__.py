@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .plan.report import write_plan
     from .sequential.looks import GoalLooks
     from .study.registry import STUDIES, Study, StudyRequest, find_study, run_study
-    from .trial.report import try_plan
+    from .trial.start import try_plan
     # fmt: on
 else:
     __getattr__, __dir__ = open_door(__name__)

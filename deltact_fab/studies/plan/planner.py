@@ -84,6 +84,7 @@ class Planner(ABC):
     title: str
     candidates: Sequence[Candidate]
     sure_chance = SURE_CHANCE
+    sensors = 0  # a side, of a comparison
 
     def __init__(self, goal: PlanGoal, pilot: Pilot) -> None:
         self.goal, self.pilot = goal, pilot
@@ -202,7 +203,7 @@ class Planner(ABC):
             "measure": self.measure, "unit": goal.unit, "goal": goal.size,
             "error": round(prediction.error, 6), "interval": [round(low, 6), round(high, 6)],
             "chance": round(prediction.chance(goal.size), 3), "seed": goal.seed,
-            "rests_on": self.basis(), "digest": design.protocol.digest,
+            "rests_on": self.basis(), "digest": design.protocol.digest, "sensors": self.sensors,
         }  # fmt: skip
         data = design.protocol.model_dump(mode="json", exclude_unset=True) | {"promise": promise}
         return validate(Protocol, data, goal.name)

@@ -46,7 +46,8 @@ def test_planned_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     for calls in (20, 60):
         with pytest.raises((KeyboardInterrupt, Stopped)):
             run_experiment(
-                RunRequest(str(plan), "virtual", run, 1, progress=_StopsAfter(calls)), resume=calls > 20
+                RunRequest(str(plan), "virtual", run, 1, progress=_StopsAfter(calls)),
+                resume=calls > 20,
             )
     command("run", plan, "--out", run, "--resume")
     figures = command("calibrate", "force", run)

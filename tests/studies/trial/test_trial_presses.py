@@ -15,7 +15,7 @@ from deltact_fab.simulate import RunRequest
 from deltact_fab.studies.study.stream import PressStream
 from deltact_fab.studies.trial.flows import StopNoise, draw_stops, settled_stops, true_shift_mm
 from deltact_fab.studies.trial.gels import DrawnPress, _lagrange
-from deltact_fab.studies.trial.report import try_plan
+from deltact_fab.studies.trial.start import try_plan
 
 POPULATION = """
 [virtual.population]
@@ -117,14 +117,14 @@ def test_trial_of_a_plan(tmp_path: Path) -> None:
     plan, rig = write(tmp_path)
     trial = try_plan(plan, rig, 12, say=spoken.append)
     assert spoken[0].startswith("6 presses on 12 sensors, ")
-    assert len(trial.errors) == 12
-    assert len(trial.by_images) == 10
-    assert 0 < max(trial.errors.values()) < 0.5
-    value, low, high = trial.ratio
+    assert len(trial.figures) == 12
+    assert len(trial.images.by_images) == 10
+    assert 0 < max(trial.figures.values()) < 0.5
+    value, low, high = trial.images.ratio
     assert abs(value) < 0.5
     assert low < value < high
     again = try_plan(plan, rig, 12)
-    assert again.errors == trial.errors
+    assert again.figures == trial.figures
 
 
 @pytest.mark.parametrize(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from deltact_fab.bench.protocols.tables import Promise
 from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
-from deltact_fab.studies.trial.report import TrialReport, try_plan
+from deltact_fab.studies.trial.figures import compare_drawn
+from deltact_fab.studies.trial.report import ImageCheck, TrialReport, share_interval
+from deltact_fab.studies.trial.start import try_plan
 
 
 def report(reached: int, chance: float, ratio: float = 1.0, failed: int = 0) -> TrialReport:
@@ -19,13 +19,13 @@ def report(reached: int, chance: float, ratio: float = 1.0, failed: int = 0) -> 
         "measure": "normal force", "unit": "N", "goal": 0.1, "error": 0.06,
         "interval": [0.04, 0.12], "chance": chance,
     }, "promise")  # fmt: skip
-    errors = [0.05] * reached + [0.2] * (100 - reached - failed)
+    figures = [0.05] * reached + [0.2] * (100 - reached - failed)
     rng = np.random.default_rng(0)
     images = 0.05 * np.exp(0.02 * rng.standard_normal(10))
     noise = ratio * images * np.exp(0.02 * rng.standard_normal(10))
     return TrialReport(
-        "night", promise, "linear", dict(enumerate(errors, start=1)), images.tolist(),
-        noise.tolist(), {100 - k: "too few" for k in range(failed)},
+        "night", promise, reached, 100, "sensors", dict(enumerate(figures, start=1)),
+        {100 - k: "too few" for k in range(failed)}, ImageCheck(images.tolist(), noise.tolist()),
     )  # fmt: skip
 
 
@@ -38,32 +38,44 @@ def test_promise_beside_share_reached(reached: int, chance: float, kept: bool) -
     assert trial.as_promised == kept
     assert ("NOT as promised" in trial.lines[0]) != kept
     assert trial.as_dict()["as_promised"] == kept
-    assert f"on {reached} of 100 sensors" in trial.lines[0]
+    assert f"by {reached} of 100 sensors" in trial.lines[0]
 
 
 def test_sensor_without_error_misses_goal() -> None:
     trial = report(60, 0.6, failed=40)
-    assert (trial.reached, trial.times) == (60, 100)
-    assert trial.lines[-1].endswith("no error: too few")
+    assert "by 60 of 100 sensors" in trial.lines[0]
+    assert trial.lines[-1].endswith(": too few")
 
 
 def test_interval_of_share_is_exact() -> None:
-    low, high = report(95, 0.95).interval(95)  # Clopper and Pearson, tables: 0.887 to 0.984
+    low, high = share_interval(95, 100)  # Clopper and Pearson, tables: 0.887 to 0.984
     assert (low, high) == (pytest.approx(0.887, abs=5e-4), pytest.approx(0.984, abs=5e-4))
 
 
 @pytest.mark.parametrize(("ratio", "equal"), [(1.0, True), (1.05, True), (1.2, False)])
 def test_noise_beside_images(ratio: float, equal: bool) -> None:
     trial = report(90, 0.9, ratio)
-    assert trial.equal is equal
-    assert trial.ratio is not None
-    assert trial.ratio[0] == pytest.approx(ratio - 1, abs=0.03)
+    assert trial.images is not None
+    assert trial.images.equal is equal
+    assert trial.images.ratio[0] == pytest.approx(ratio - 1, abs=0.03)
     assert ("equal within 10%: yes" in trial.lines[2]) == equal
 
 
 def test_sensors_in_promised_interval() -> None:
-    assert report(84, 0.86).in_interval == 84
-    assert math.isclose(report(84, 0.86).as_dict()["in_interval"], 84)
+    trial = report(84, 0.86)
+    assert trial.in_interval == trial.as_dict()["in_interval"] == 84
+
+
+def test_drawn_sides_differ_by_what_is_planted() -> None:
+    pool = np.exp(0.1 * np.random.default_rng(1).standard_normal(60))
+    found, invented = compare_drawn(pool, 5, 1.5, 200, True)
+    assert found >= 195
+    assert invented <= 16
+    assert compare_drawn(pool, 5, 1.0, 200, True)[0] <= 16
+    found, invented = compare_drawn(pool, 5, 0.5, 200, False)
+    assert found >= 190
+    with pytest.raises(InputError, match="60 sensors with a figure; two sides need 62"):
+        compare_drawn(pool, 31, 1.5, 1, True)
 
 
 def test_protocol_without_promise_is_refused() -> None:
