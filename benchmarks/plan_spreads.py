@@ -113,7 +113,7 @@ def main() -> None:
             file.write_text("{\n" + ",\n".join(lines) + "\n}\n")
     table, pool = pd.DataFrame(read_json(SPREADS_FILE)), read_json(POOL_FILE)
     for name, part in table.groupby("measure"):
-        values = spreads(part, pool[name])
+        values = spreads(part, pool[str(name)])
         print(name, {key: float(f"{value:.2g}") for key, value in values.items()})
 
 

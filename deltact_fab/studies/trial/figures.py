@@ -17,11 +17,11 @@ from deltact_fab.sensor import SensorDimensions
 from deltact_fab.simulate import RunRequest, VirtualKind, run_presses
 
 from ..study.grid import GridJob, solve
+from ..study.scene import FRAME_COST_S
 from .report import TrialJobs, TrialReport
 
 POOL_SIZE = 60  # by hand: sensors that comparisons are drawn from; ten a side are then few of them
-FRAME_COST_S, SENSOR_COST_S = 0.3, 20.0
-"""By hand, CPU seconds of a frame, and of a sensor's gel; for the announced time only."""
+SENSOR_COST_S = 20.0  # by hand: CPU seconds of a sensor's gel, for the announced time only
 
 
 @dataclass(frozen=True)

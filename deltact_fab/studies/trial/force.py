@@ -121,7 +121,7 @@ class ForceTrial:
             else f"simulated, {self.gel} gel; the plan is by the linear one"
         ]
         if self.request.protocol.specimen.prony:
-            lines.append("creep of the specimen is left out")
+            lines.append("the gel does not creep, as the specimen does")
         return lines
 
     def _with_images(self, k: int) -> tuple[int, ...]:

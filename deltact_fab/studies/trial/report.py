@@ -137,7 +137,7 @@ class TrialReport:
 
 @dataclass(frozen=True)
 class TrialJobs:
-    """How the jobs of a trial run. say: prints a line."""
+    """Executor, progress and announcements of a trial's jobs. say: prints a line."""
 
     executor: Executor | None = None
     progress: Progress | None = None

@@ -66,7 +66,7 @@ def test_sensors_in_promised_interval() -> None:
     assert trial.in_interval == trial.as_dict()["in_interval"] == 84
 
 
-def test_drawn_sides_differ_by_what_is_planted() -> None:
+def test_planted_difference_between_drawn_sides() -> None:
     pool = np.exp(0.1 * np.random.default_rng(1).standard_normal(60))
     found, invented = compare_drawn(pool, 5, 1.5, 200, True)
     assert found >= 195
