@@ -19,6 +19,7 @@ import serial
 from deltact_fab.common import StageError
 
 BOOT_S = 1.5  # by hand: an Arduino's boot loader; less loses the first line
+OPEN_LIMIT_S = 15.0  # by hand: ten times as long, for a busy machine
 STEP_LINE = re.compile(rb"^ *[\d.]+ -?\d+, -?\d+, (-?\d+),", re.MULTILINE)
 
 
@@ -66,7 +67,7 @@ class Board:
     def wire(self) -> Iterator[Any]:
         """A connection to it; reading takes 2 s at most. Raises StageError."""
         try:
-            with self.powered() as url, serial.serial_for_url(url, 115200, timeout=2) as wire:
+            with self.powered() as url, _open(url) as wire:
                 time.sleep(BOOT_S)
                 yield wire
         except OSError as why:
@@ -99,6 +100,18 @@ class Board:
             if lines := STEP_LINE.findall(data):
                 return int(lines[-1]) / self.settings[102]
         return None
+
+
+def _open(url: str) -> Any:
+    """Open a port; a program on a busy machine serves it seconds after its start."""
+    until = time.monotonic() + OPEN_LIMIT_S
+    while True:
+        try:
+            return serial.serial_for_url(url, 115200, timeout=2)
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(BOOT_S)
 
 
 def ask(wire: Any, line: str) -> list[str]:

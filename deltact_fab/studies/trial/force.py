@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from deltact_fab.bench import VirtualConfig
@@ -16,12 +11,10 @@ from deltact_fab.physics import GelLevel
 from deltact_fab.simulate import RunRequest
 
 from ..plan.components import FORCE_MODEL
-from ..study.grid import STUDY_STORE, GridJob, solve
-from .points import PressSensors, StopPoints, measure_sensors
+from ..study.grid import GridJob, solve
+from .points import POOL_SENSORS, PressSensors, StopPoints, measure_sensors
 from .report import ImageCheck, TrialJobs, TrialReport
 
-IMAGE_SENSORS = 10  # by hand: sensors with images of all presses; they tell a tenth of the error
-POOL_SENSORS = 3  # by hand: those of them whose noise serves the others, of a hundred presses
 IMAGE_EVERY = 16  # by hand: presses of the other sensors, of which one is tracked in images
 GELS_COST_S, IMAGES_COST_S, NOISE_COST_S, FINITE_COST_S = 8.0, 3.0, 0.4, 60.0
 """By hand, CPU seconds of a press: on five linear gels, in images, without them, and what finite
@@ -38,35 +31,23 @@ class ForceTrial:
         self.presses = {press.name: press for press in presses if press.role != "reference"}
 
     def run(self, how: TrialJobs) -> TrialReport:
-        """Measure all presses, images first, and fit each sensor's model."""
+        """Measure all presses, and fit each sensor's model."""
         self._announce(how)
-        first = self.sensors[:IMAGE_SENSORS]
-        jobs = [self._job(name, first) for name in self.presses]
-        images = solve(jobs, how.executor, how.progress, how.say)
-        by_images = {n: {name: images[name]["images"][n] for name in self.presses} for n in first}
-        keys = json.dumps([job.key() for job in jobs], sort_keys=True)
-        pool_key = {"noise": hashlib.sha256(keys.encode()).hexdigest()}
-        pool = [
-            noise for n in first[:POOL_SENSORS] for p in by_images[n].values() for noise in p.noise
-        ]
-        STUDY_STORE.write(pool_key, pool)
-        jobs = [
-            self._job(name, self._with_images(k)[len(first):], self.sensors, pool_key)
-            for k, name in enumerate(self.presses)
-        ]  # fmt: skip
+        jobs = [self._job(k, name) for k, name in enumerate(self.presses)]
         grid = solve(jobs, how.executor, how.progress, how.say)
-        by_noise = {n: {m: grid[m]["noise"][n] for m in self.presses} for n in self.sensors}
-        mixed = by_images | {
-            n: points | {m: grid[m]["images"][n] for m in points if n in grid[m]["images"]}
-            for n, points in by_noise.items() if n not in by_images
-        }  # fmt: skip
+        by_images, by_noise = (
+            {n: {m: grid[m][kind][n] for m in self.presses if n in grid[m][kind]}
+             for n in self.sensors}
+            for kind in ("images", "noise")
+        )  # fmt: skip
+        mixed = {n: points | by_images[n] for n, points in by_noise.items()}
         errors, failed = {}, {}
         for number, points in mixed.items():
             try:
                 errors[number] = self.error_n(points)
             except InputError as error:
                 failed[number] = str(error)
-        pairs = [n for n in first if n in errors]
+        pairs = [n for n in self.sensors[:POOL_SENSORS] if n in errors]
         check = ImageCheck(
             [errors[n] for n in pairs], [self.error_n(by_noise[n]) for n in pairs]
         )  # fmt: skip
@@ -126,16 +107,13 @@ class ForceTrial:
 
     def _with_images(self, k: int) -> tuple[int, ...]:
         """Sensors for which the press number k is tracked in images."""
-        return tuple(n for n in self.sensors if n <= IMAGE_SENSORS or (n + k) % IMAGE_EVERY == 0)
+        return tuple(n for n in self.sensors if n <= POOL_SENSORS or (n + k) % IMAGE_EVERY == 0)
 
-    def _job(
-        self, name: str, with_images: Sequence[int], without: Sequence[int] = (),
-        pool: dict[str, Any] | None = None,
-    ) -> GridJob:  # fmt: skip
-        request = self.request
-        cost_s = IMAGES_COST_S * len(with_images) + NOISE_COST_S * len(without)
+    def _job(self, k: int, name: str) -> GridJob:
+        request, with_images = self.request, self._with_images(k)
+        cost_s = IMAGES_COST_S * len(with_images) + NOISE_COST_S * len(self.sensors)
         arguments = PressSensors(
             request.protocol, name, request.design, self.rig, str(request.rig_path), self.gel,
-            request.recipe, tuple(with_images), tuple(without), pool,
+            request.recipe, with_images, self.sensors,
         )  # fmt: skip
-        return GridJob(name, measure_sensors, arguments, cost_s)
+        return GridJob(name, measure_sensors, arguments, GELS_COST_S + cost_s)

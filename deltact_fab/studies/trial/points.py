@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from deltact_fab.bench import Protocol, RunEstimate, VirtualConfig, expand_protocol
-from deltact_fab.common import Array, RunFailed, SolverError
+from deltact_fab.common import Array, SolverError
 from deltact_fab.estimate import FaceFlow, SensorModel, make_features
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.physics import GelLevel
 from deltact_fab.sensor import SensorDimensions
 
 from ..plan.components import FORCE_MODEL
-from ..study.grid import STUDY_STORE
 from ..study.stream import PressStream
-from .flows import StopNoise, draw_stops, settled_stops, track_stops
+from .flows import add_noise, settled_stops, track_stops, true_shifts_mm
 from .gels import DrawnPress
 
+POOL_SENSORS = 10  # by hand: sensors whose noise serves the others
 FORCE_WIDTH_S = 0.2  # definition: width of the mean in `settled_wrenches`
 _SECONDS_PER_HOUR = 3600.0  # definition
 
@@ -33,7 +30,7 @@ _SECONDS_PER_HOUR = 3600.0  # definition
 class PressSensors:
     """Arguments of `measure_sensors`: a press, the sensors with images, and those without.
 
-    source: of the rig file. pool: key of the stored `StopNoise`, for sensors without images.
+    source: of the rig file.
     """
 
     protocol: Protocol
@@ -44,57 +41,50 @@ class PressSensors:
     level: GelLevel
     recipe: PatternRecipe
     with_images: tuple[int, ...]
-    without: tuple[int, ...] = ()
-    pool: dict[str, Any] | None = None
+    without: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class StopPoints:
     """Features (n, k), and wrenches (n, 6) in N and N mm, at settled stops in contact or at rest.
 
-    pressed: mask (n,) of those in contact. noise: of flows that were tracked.
+    pressed: mask (n,) of those in contact.
     """
 
     features: Array
     wrench: Array
     pressed: Array
-    noise: tuple[StopNoise, ...] = ()
 
 
 def measure_sensors(job: PressSensors) -> dict[str, dict[int, StopPoints]]:
     """Measure a press on sensors: points by number, of "images" and of "noise".
 
-    Raises SolverError and InputError where the gel cannot be solved.
+    The noise is that of a sensor with images, drawn from the first POOL_SENSORS. Raises SolverError
+    and InputError where the gel cannot be solved.
     """
     press = DrawnPress(
         job.protocol, job.press, job.sensor, job.rig, Path(job.source), job.level
     )  # fmt: skip
     points: dict[str, dict[int, StopPoints]] = {"images": {}, "noise": {}}
-    pool = [] if job.pool is None else _read_pool(json.dumps(job.pool))
-    for number in sorted({*job.with_images, *job.without}):
+    pool: dict[int, tuple[list[FaceFlow], list[Array]]] = {}
+    for number in job.with_images:
         stream = press.on_sensor(number)
-        if number in job.with_images:
-            flows, noise = zip(*track_stops(stream, job.recipe, number), strict=True)
-            points["images"][number] = _points(press, stream, number, flows, noise)
-        if number in job.without:
-            seed = [number, *job.press.encode()]
-            noisy = draw_stops(stream, pool, np.random.default_rng(seed))
-            points["noise"][number] = _points(press, stream, number, noisy)
+        flows = track_stops(stream, job.recipe, number)
+        if len(pool) < POOL_SENSORS:
+            pool[number] = flows, true_shifts_mm(stream)
+        points["images"][number] = _points(press, stream, number, flows)
+    for number in job.without:
+        stream = press.on_sensor(number)
+        rng = np.random.default_rng([number, *job.press.encode()])
+        noise = pool[int(rng.choice([n for n in pool if n != number]))]
+        flows = add_noise(true_shifts_mm(stream), *noise)
+        points["noise"][number] = _points(press, stream, number, flows)
     return points
 
 
-@lru_cache(maxsize=1)
-def _read_pool(key: str) -> list[StopNoise]:
-    pool: list[StopNoise] | None = STUDY_STORE.read(json.loads(key))
-    if pool is None:
-        raise RunFailed("the measured noise is no longer in the cache; run the same command again")
-    return pool
-
-
 def _points(
-    press: DrawnPress, stream: PressStream, number: int, flows: Sequence[FaceFlow],
-    noise: Sequence[StopNoise | None] = (),
-) -> StopPoints:  # fmt: skip
+    press: DrawnPress, stream: PressStream, number: int, flows: Sequence[FaceFlow]
+) -> StopPoints:
     """Compute features of flows, and what the force sensor measures at their stops."""
     specimen, skin = press.protocol.specimen, press.sensor.skin
     features = make_features(FORCE_MODEL, SensorModel(stream.view, skin, specimen.poisson))
@@ -107,7 +97,7 @@ def _points(
     ends_s = RunEstimate.planned_ends_s(steps, press.rig.stage)[1:]
     times_s = dict(zip((step.id for step in steps), ends_s, strict=True))
     rows, wrenches, pressed = [], [], []
-    for flow, (kind, moment) in zip(flows, settled_stops(stream), strict=True):
+    for flow, (moment, kind) in zip(flows, settled_stops(stream).items(), strict=True):
         if not flow.trusted:
             continue
         with suppress(SolverError):
@@ -119,5 +109,4 @@ def _points(
         np.array(rows).reshape(-1, len(features.names)),
         np.array(wrenches).reshape(-1, 6),
         np.array(pressed, bool),
-        tuple(part for part in noise if part is not None),
     )
