@@ -41,12 +41,17 @@ MIN_GROUPS = 4
 
 
 class Interval(NamedTuple):
-    """A figure, its interval (None, None below MIN_GROUPS), and its groups in words."""
+    """A figure, its interval (None, None below MIN_GROUPS), and its groups in words.
+
+    groups: their number. noun: of one, singular.
+    """
 
     value: float
     low: float | None
     high: float | None
     over: str
+    groups: int
+    noun: str
 
     def format(self, unit: str) -> str:
         """Format as "0.08 N [0.06 to 0.12]"."""
@@ -112,15 +117,16 @@ class Interval(NamedTuple):
         plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
         over = f"{count} {plural}" if count > 1 else f"one {noun}"
         if count < MIN_GROUPS:
-            return cls(value, None, None, f"{over}: no interval below four")
+            return cls(value, None, None, f"{over}: no interval below four", count, noun)
         full, without = scaled(rows), np.array([scaled(rows[codes != g]) for g in range(count)])
         if math.isinf(full):  # an RMSE of 0, a correlation of 1: in every group
-            return cls(value, value, value, over)
+            return cls(value, value, value, over, count, noun)
         if np.isinf(without).any():  # one group decides: no interval on the transformed scale
-            _, low, high, _ = cls.jackknife(rows, names, statistic, noun, level=level)
-            return cls(value, max(low or 0.0, lowest), min(high or 0.0, highest), over)
+            _, low, high, *_ = cls.jackknife(rows, names, statistic, noun, level=level)
+            low, high = max(low or 0.0, lowest), min(high or 0.0, highest)
+            return cls(value, low, high, over, count, noun)
         from scipy.special import stdtrit
 
         spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
         reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
-        return cls(value, inverse(full - reach), inverse(full + reach), over)
+        return cls(value, inverse(full - reach), inverse(full + reach), over, count, noun)

@@ -239,6 +239,7 @@ def _headline_row(head: Headline) -> dict[str, Any]:
     if head.goal is not None:
         bound = "at least" if head.better == "high" else "at most"
         goal = f"{bound} {format_number(head.goal)}{unit}: {head.state}"
+        goal += head.price and f", {head.price}"
     return {
         "figure": head.what,
         "value": f"{format_number(head.value)}{unit}",

@@ -105,6 +105,11 @@ class GridJob:
         arguments = hashlib.sha256(text.encode()).hexdigest()
         return cache_key(module or top, package=folder, work=work, arguments=arguments)
 
+    @property
+    def is_stored(self) -> bool:
+        """True if the store has its result."""
+        return STUDY_STORE.read(self.key()) is not None
+
 
 def job_arguments(value: Any) -> dict[str, Any]:
     """Return a dataclass or lab-file model as plain data. Raises TypeError for others."""
@@ -119,12 +124,22 @@ def job_arguments(value: Any) -> dict[str, Any]:
 class Grid:
     """Results of jobs by name, in order.
 
-    missing: reason per job without a result. n_cached: results found in the store.
+    missing: reason per job without a result. cached: names of those that the store had.
     """
 
     results: dict[str, Value]
     missing: dict[str, str]
-    n_cached: int
+    cached: frozenset[str]
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time of all results, that of earlier calls included."""
+        return float(sum(value["cpu_s"] for value in self.results.values()))
+
+    @property
+    def new_cpu_s(self) -> float:
+        """CPU time of this call's results."""
+        return float(sum(v["cpu_s"] for name, v in self.results.items() if name not in self.cached))
 
     def __getitem__(self, name: str) -> Value:
         """Return a required result. Raises RunFailed if it is missing."""
@@ -154,7 +169,7 @@ def solve(
     keys = {job.name: job.key() for job in jobs}
     stored = {name: STUDY_STORE.read(key) for name, key in keys.items()}
     results = {name: value for name, value in stored.items() if value is not None}
-    n_cached = len(results)
+    cached = frozenset(results)
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused: list[str] = []
@@ -187,7 +202,7 @@ def solve(
 
     if todo:
         about = pace.beforehand and f", {pace.beforehand}"
-        say(f"{n_cached} of {len(jobs)} jobs stored, {len(todo)} to do{about}")
+        say(f"{len(cached)} of {len(jobs)} jobs stored, {len(todo)} to do{about}")
     tick("")
     try:
         run_jobs(_run_job, todo, on_end, executor)
@@ -200,8 +215,11 @@ def solve(
         raise errors[0]
     # Delete the least recently used, never those of this grid, which are the newest.
     STUDY_STORE.trim(MAX_STORE_BYTES, keys.values())
-    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, n_cached)
+    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, cached)
 
 
 def _run_job(job: GridJob) -> Value:
-    return job.work(job.arguments)
+    """Run a job; its result tells the CPU time, `cpu_s`."""
+    began_s = time.process_time()
+    value = job.work(job.arguments)
+    return {**value, "cpu_s": time.process_time() - began_s}

@@ -10,6 +10,8 @@ import math
 from dataclasses import asdict, replace
 from functools import partial
 
+import numpy as np
+
 from deltact_fab.bench import VirtualConfig, load_protocol
 from deltact_fab.common import MM_PER_INCH, InputError, Note, RunFailed, toml_text, validate
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe, load_recipe
@@ -17,7 +19,7 @@ from deltact_fab.present import ReportFigure, ReportTable, StudyResult
 from deltact_fab.sensor import Printer, SensorDimensions
 
 from .grid import GridJob, seed_of
-from .pattern_errors import OUR_FLOW, PatternErrors
+from .pattern_questions import press_means
 from .pattern_selection import covered_part, frames_per_indenter
 from .press_jobs import TrackingJob, cost_s, track_press
 from .registry import StudyRequest, load_virtual_rig, parse_scale
@@ -28,6 +30,7 @@ from .search_candidates import (
     MIN_COVERED_SHARE,
     MIN_PATCH_DOTS,
     MIN_PATCH_PX,
+    OUR_FLOW,
     PAPER_PATTERN,
     ProbeJob,
     candidates,
@@ -88,7 +91,7 @@ def run(request: StudyRequest) -> StudyResult:
         [
             replace(scene, seed=seed).job(
                 f"{press}, held out {k}", SEARCH_PROTOCOL, press, track_press, TrackingJob,
-                cost_s(frames_per_indenter(protocol), len(chosen)), methods=(OUR_FLOW,),
+                cost_s(frames_per_indenter(protocol), len(chosen)), method=OUR_FLOW,
                 patterns={name: _with_seed(among[name], seed) for name in chosen},
             )
             for press in scene.presses(SEARCH_PROTOCOL)
@@ -96,13 +99,20 @@ def run(request: StudyRequest) -> StudyResult:
         for k, seed in enumerate(seeds, start=1)
     ]  # fmt: skip
     done_jobs = request.solve([job for group in jobs for job in group]).results
-    errors = PatternErrors((), [  # of completed seeds
-        replace(cell, indenter=f"held out {k}")
-        for k, group in enumerate(jobs, start=1) if all(job.name in done_jobs for job in group)
-        for job in group
-        for cell in done_jobs[job.name]["cells"]
-    ])  # fmt: skip
-    gel_table = confirmation_table(errors, chosen)
+    errors: dict[str, dict[str, float]] = {name: {} for name in chosen}
+    coverage: dict[str, list[float]] = {name: [] for name in chosen}
+    losses = []
+    for k, group in enumerate(jobs, start=1):
+        if any(job.name not in done_jobs for job in group):
+            continue
+        parts = [done_jobs[job.name] for job in group]
+        losses += [line for part in parts for line in part["refused"].items()]
+        for name, error_mm in press_means(parts, "mean_off_dots_mm").items():
+            errors[name][f"held out {k}"] = error_mm
+        for name, share in press_means(parts, "coverage").items():
+            coverage[name].append(share)
+    means = {name: float(np.mean(shares)) for name, shares in coverage.items() if shares}
+    gel_table = confirmation_table(errors, means)
     winner = next((name for name in gel_table["pattern"] if name in best), None)
     if winner is None:
         raise RunFailed("pattern-search: no finalist was tracked on the gel")
@@ -156,8 +166,8 @@ def run(request: StudyRequest) -> StudyResult:
         notes=(
             "Printer and camera models have assumed, not measured, parameters: print the best few "
             "on one sheet and run `study run pattern-selection` on your bench before you commit.",
-            *dict.fromkeys(f"{cell.pattern} was not tracked on the gel: {reason}"
-                           for cell in errors.cells for reason in cell.left_out),
+            *dict.fromkeys(f"{name} was not tracked on the gel: {reason}"
+                           for name, reason in losses),
         ),
         left_out=SEARCH_LEFT_OUT,
         files={"best-pattern.toml": toml_text(

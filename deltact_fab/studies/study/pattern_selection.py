@@ -1,8 +1,9 @@
-"""`study run pattern-selection`: the paper's 17 patterns under 5 indenters (Pattern Selection).
+"""`study run pattern-selection`: which of the paper's 17 patterns is tracked best, as a comparison.
 
-Simulated: the gel of a press is solved once, and its frames are drawn and tracked as a stream
-(`stream`) under every pattern, by the paper's tracker and by ours. Recorded: a run is one tactile
-base, as in the paper, and its error is taken at the dots.
+Simulated: all patterns under the same presses of 5 indenters, whose gel is solved once; the frames
+of a press are drawn and tracked as a stream (`stream`) by the published tracker. Realisations are
+added until the questions are decided, for patterns that a question still needs, or until the CPU
+time is used up; the same command then goes on from the stored jobs.
 
 A smaller scale keeps the step between frames, which a tracker has to bridge, and the presses: all
 depths, both axes.
@@ -10,40 +11,40 @@ depths, both axes.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple
 
-from deltact_fab.bench import Protocol, Run, expand_protocol, load_protocol, open_run
-from deltact_fab.common import MM_PER_INCH, InputError, Note, count_workers, did_you_mean, validate
-from deltact_fab.estimate import FlowTracker, TrackingPlan, read_frames
-from deltact_fab.fabricate import PatternRecipe, SeriesEntry, list_series
+from deltact_fab.bench import Protocol, expand_protocol, load_protocol
+from deltact_fab.common import MM_PER_INCH, InputError, Note, did_you_mean
+from deltact_fab.estimate import FlowTracker
+from deltact_fab.fabricate import SeriesEntry, list_series
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
 
 from .grid import Grid, GridJob
-from .pattern_errors import FLOW_NAMES, PatternErrors, PressErrors
-from .pattern_tables import charts, claims, headlines, tables
-from .press_jobs import RecordedTrackingJob, TrackingJob, cost_s, track_press, track_recorded
+from .pattern_questions import (
+    Question,
+    error_chart,
+    error_headlines,
+    error_tables,
+    next_look,
+    paper_questions,
+    press_means,
+)
+from .press_jobs import TrackingJob, cost_s, track_press
 from .registry import StudyRequest, modulus_remark
 from .scene import PressScene, flag_setting
 
 SELECTION_STUDY, SELECTION_TITLE = "pattern-selection", "Which pattern is tracked best"
-TRACKERS_SETTING = (
-    "the paper's text: Farneback 5/13/10; the reference is renewed if the warped-back image "
-    f"differs by more than {FlowTracker.RENEW_SHARE:g} of the difference of unrelated views; flows "
-    "summed and composed; its group's: as published; ours: fused, anchored"
-)
+SELECTION_CPU_MIN = 120.0  # by hand: an hour on two cores
+AT_DOTS = "mean_at_dots_mm"  # the paper's error, Eq. 7
 SELECTION_NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: if that is a "
     "sum of five, its mean errors are a fifth.",
-    "Intervals are over indenters (jackknife, 95 %), not over prints of a pattern, seeds or gels.",
-    "A claim is decided if summed and composed flows agree and both intervals exclude its "
-    "contrary; more positions (--scale) and prints of a pattern (--seed) may decide others.",
+    "A realisation is another seed of pattern, print and noise, shared by all patterns; intervals "
+    "are over realisations, of one gel and these presses.",
 )
 SELECTION_LEFT_OUT = (
     Note("images and records", "rendered and tracked as a stream, not stored"),
@@ -55,131 +56,119 @@ NO_LENS = Note("the lens", "this rig uses a pinhole camera")
 def run(request: StudyRequest) -> StudyResult:
     """Run the study. `request.options`: names in "pattern" and "indenter" restrict it.
 
-    Raises InputError for unknown names, RunFailed if every job failed.
+    Raises InputError for unknown names or CPU minutes, RunFailed if every job failed.
     """
-    return _recorded(request) if request.runs else _simulated(request)
-
-
-def _simulated(request: StudyRequest) -> StudyResult:
     selection = Selection.from_request(request)
+    minutes = request.options.get("cpu_minutes")
+    minutes = SELECTION_CPU_MIN if minutes is None else minutes
+    if not 0 < minutes < math.inf:  # NaN fails too
+        raise InputError(f"--cpu-minutes: {minutes:g}; expected a finite number above 0")
     part, protocol, rig = selection.part, selection.protocol, selection.scene.rig.virtual
     request.say(
         f"{len(selection.entries)} patterns x {len(protocol.tips)} indenters: {part.words}; "
         f"{part.longest_step_mm:.3f} mm between frames at most"
     )
     selection.scene.solve_gels(request)
-    jobs = selection.jobs(count_workers(request.executor))
-    grid = request.solve(jobs)
-    errors = PatternErrors(selection.entries, _cells(grid))
+    trial = SelectionTrial(selection, request, 60 * minutes)
+    trial.run()
     specimen, printer = protocol.specimen, rig.printer
-    result = _base_result(request, errors, grid, part.words, True)
-    # All jobs of a press share its gel.
-    gels = {j.arguments.press: grid.results[j.name]["gel"] for j in jobs if j.name in grid.results}
-    return replace(
-        result,
+    covers = f"{part.words}, {trial.realisations} realisations of {len(selection.entries)} patterns"
+    return StudyResult(
+        study=SELECTION_STUDY,
+        title=SELECTION_TITLE,
+        simulated=True,
+        seed=request.seed,
         scale=request.scale,
-        extra={"part": part._asdict()},
+        answer=(f"Simulated: {covers} or fewer, {trial.cpu_s / 60:.0f} CPU min.",),
+        claims=tuple(q.claim(trial.pattern_cpu_s) for q in trial.questions),
+        headlines=error_headlines(selection.entries, trial.errors),
+        tables=error_tables(selection.entries, trial.errors, trial.questions, covers),
+        figures=(error_chart(selection.entries, trial.errors, covers),),
+        notes=(
+            *SELECTION_NOTES,
+            *trial.losses,
+            _bench_note(selection),
+            modulus_remark(specimen.modulus_mpa),
+        ),
+        left_out=SELECTION_LEFT_OUT if rig.lens else (*SELECTION_LEFT_OUT, NO_LENS),
+        extra={
+            "part": part._asdict(), "errors_mm": trial.errors, "cpu_min": trial.cpu_s / 60,
+        },
         settings={
             "path": part.words,
             "step between frames": f"{part.longest_step_mm:.3f} mm at most",
-            "trackers": TRACKERS_SETTING,
+            "tracker": f"{FlowTracker.PAPER}: as published by the paper's group",
+            "CPU time": f"{trial.cpu_s / 60:.1f} min for all jobs, {trial.spent_s / 60:.1f} in "
+            "this call, without the gel",
             "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
             f"{specimen.friction:g}",
             "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
             f"um, misregistration {printer.misregistration_um:g} um",
             "camera": "; ".join(f"{k} {v}" for k, v in vars(rig.camera).items()),
-            **flag_setting(list(gels.values()), "presses"),
+            **flag_setting(trial.gels, "presses"),
         },
-        notes=(*result.notes, _bench_note(selection), modulus_remark(specimen.modulus_mpa)),
-        left_out=SELECTION_LEFT_OUT if rig.lens else (*SELECTION_LEFT_OUT, NO_LENS),
-    )
+    )  # fmt: skip
 
 
-def _recorded(request: StudyRequest) -> StudyResult:
-    pairs = run_jobs(request.runs, tuple(FLOW_NAMES))
-    grid = request.solve([job for _, job in pairs])
-    printed = {printed.name: printed for printed, _ in pairs}
-    errors = PatternErrors(list(printed.values()), _cells(grid))
-    runs = [open_run(folder) for folder in request.runs]
-    simulated = any(run.simulated for run in runs)
-    return replace(
-        _base_result(request, errors, grid, f"{len(runs)} recorded runs", simulated),
-        settings={"runs": ", ".join(run.folder.name for run in runs), "trackers": TRACKERS_SETTING},
-    )
+class SelectionTrial:
+    """Trial that adds realisations until its questions are decided or the CPU time is used up.
 
-
-def run_jobs(folders: Sequence[Path], methods: Sequence[str]) -> list[tuple[SeriesEntry, GridJob]]:
-    """Return (pattern, job) for each press of the runs.
-
-    Runs of one pattern are replicates. Raises InputError for a run that is unfinished, without
-    images, dots or a dense pattern, or named twice.
+    errors: by pattern and realisation, mm. spent_s: CPU time of this call's jobs, cpu_s of all.
     """
-    jobs: list[tuple[SeriesEntry, GridJob]] = []
-    for n, folder in enumerate(folders):
-        if folder.resolve() in [earlier.resolve() for earlier in folders[:n]]:
-            raise InputError(f"--from {folder}: named twice; runs of one pattern are replicates")
-        run = open_run(folder)
-        frames = read_frames(run, "the pattern selection")
-        if run.pattern["recipe"]["law"] == TrackingPlan.DOTS_ONLY_LAW:
-            raise InputError(f"{folder}: the pattern has only dots; expected a dense one")
-        if "dots" not in run.meta["protocol"]["channels"] or not len(run.dots_mm()):
-            raise InputError(
-                f"{folder}: no dots recorded to measure the error at; expected a pattern with dots "
-                "and the channel 'dots'"
-            )
-        printed = pattern_of_run(run)
-        for press, part in frames.groupby("press", sort=False):
-            inputs = [run.meta, run.pattern, part[["file", "sha256"]].to_numpy().tolist()]
-            content = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
-            arguments = RecordedTrackingJob(
-                str(folder.resolve()), str(press), str(part["indenter"].iloc[0]), printed.name,
-                tuple(methods), content,
-            )  # fmt: skip
-            job = GridJob(f"{folder}: {press}", track_recorded, arguments, float(len(part)))
-            jobs.append((printed, job))
-    return jobs
 
+    def __init__(self, selection: Selection, request: StudyRequest, budget_s: float) -> None:
+        self.selection, self.request, self.budget_s = selection, request, budget_s
+        self.questions: list[Question] = paper_questions(selection.entries)
+        self.errors: dict[str, dict[str, float]] = {e.name: {} for e in selection.entries}
+        self.realisations, self.spent_s, self.cpu_s = 0, 0.0, 0.0
+        self.losses: list[str] = []
+        self.gels: list[dict[str, object]] = []
+        self._declared_s = 0.0
 
-def pattern_of_run(run: Run) -> SeriesEntry:
-    """Pattern of a run: one of the paper's by d and r, else named by the run."""
-    recipe = validate(
-        PatternRecipe, run.pattern["recipe"], f"{run.folder / 'pattern.json'}: recipe"
-    )
-    key = recipe.law, recipe.patch_mm, recipe.r
-    for entry in list_series():
-        if key == (entry.recipe.law, entry.recipe.patch_mm, entry.recipe.r):
-            return entry
-    if recipe.law == "algorithm1":
-        return SeriesEntry(f"d{recipe.patch_mm:g}-r{recipe.r:g}".replace(".", "p"), recipe)
-    return SeriesEntry(run.folder.name, recipe)
+    def run(self) -> None:
+        """Run until decided or out of CPU time; patterns without a question have one look."""
+        names = [entry.name for entry in self.selection.entries]
+        while names:
+            for _ in range(self.realisations, next_look(self.realisations)):
+                if not self._add_realisation(names):
+                    return
+            for question in self.questions:
+                question.look(self.errors)
+            needed = set().union(*(question.patterns for question in self.questions))
+            names = [name for name in names if name in needed]
 
+    @property
+    def pattern_cpu_s(self) -> float:
+        """Measured CPU time of a realisation of one pattern."""
+        return self.cpu_s / max(1, sum(map(len, self.errors.values())))
 
-def _cells(grid: Grid) -> list[PressErrors]:
-    """Errors of all jobs, in order."""
-    return [cell for value in grid.results.values() for cell in value["cells"]]
-
-
-def _base_result(
-    request: StudyRequest, errors: PatternErrors, grid: Grid, covers: str, simulated: bool
-) -> StudyResult:
-    """Result fields shared by simulated and recorded runs."""
-    losses = [
-        f"{cell.pattern} under {cell.press}: {line}" for cell in errors.cells
-        for line in cell.left_out
-    ]  # fmt: skip
-    return StudyResult(
-        study=SELECTION_STUDY,
-        title=SELECTION_TITLE,
-        simulated=simulated,
-        seed=request.seed,
-        scale=None,
-        answer=(f"{'Simulated: ' if simulated else ''}{covers}.",),
-        claims=claims(errors),
-        headlines=headlines(errors),
-        tables=tables(errors, covers),
-        figures=charts(errors, covers),
-        notes=(*SELECTION_NOTES, *losses),
-    )
+    def _add_realisation(self, names: Sequence[str]) -> bool:
+        """Track one more realisation; False if CPU time or a job is missing."""
+        jobs = self.selection.jobs(self.realisations, names)
+        # Declared costs are scaled by what the jobs so far took.
+        pace = self.cpu_s / self._declared_s if self._declared_s else 1.0
+        left_s, affordable = self.budget_s - self.spent_s, []
+        for job in jobs:
+            price_s = 0.0 if job.is_stored else pace * job.cost
+            if price_s <= left_s:
+                affordable.append(job)
+                left_s -= price_s
+        grid: Grid = self.request.solve(affordable)
+        self.spent_s += grid.new_cpu_s
+        self.cpu_s += grid.cpu_s
+        self._declared_s += sum(job.cost for job in affordable if job.name in grid.results)
+        if len(grid.results) < len(jobs):
+            return False
+        self.realisations += 1
+        unit = f"seed {self.request.seed + self.realisations - 1}"
+        results = [grid[job.name] for job in jobs]
+        for name, error_mm in press_means(results, AT_DOTS).items():
+            self.errors[name][unit] = error_mm
+        self.losses += [
+            f"{name}, {unit}: {reason}" for r in results for name, reason in r["refused"].items()
+        ]
+        self.gels = self.gels or [{"flags": r["flags"]} for r in results]
+        return True
 
 
 def _bench_note(selection: Selection) -> str:
@@ -273,13 +262,13 @@ def longest_step_mm(protocol: Protocol) -> float:
 
 SELECTION_SCALE = 0.04
 """By hand: 136 of 3600 frames per indenter; 40 minutes on two cores with the gel solved."""
-MAX_PATTERNS_PER_JOB = 4
+MAX_PATTERNS_PER_JOB = 6
 """By hand: each takes some 80 MB; decision 0040: fewer share the cost of a frame's geometry."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Scene of one study: presses, patterns, trackers. name: of its protocol."""
+    """Scene of one study: presses and patterns. name: of its protocol."""
 
     scene: PressScene
     name: str
@@ -308,21 +297,20 @@ class Selection:
         """Protocol of the presses."""
         return self.scene.protocols[self.name]
 
-    def jobs(self, workers: int = 1) -> list[GridJob]:
-        """One job per press and group of patterns, which share its geometry; a group per worker."""
-        count = len(self.entries)
-        parts = min(max(workers, math.ceil(count / MAX_PATTERNS_PER_JOB)), count)
+    def jobs(self, realisation: int, names: Sequence[str]) -> list[GridJob]:
+        """Jobs of one realisation: a press and a group of patterns, which share its geometry."""
+        scene = replace(self.scene, seed=self.scene.seed + realisation)
+        recipes = {entry.name: entry.recipe for entry in list_series(scene.seed)}
+        parts = math.ceil(len(names) / MAX_PATTERNS_PER_JOB)
         frames = self.part.frames_an_indenter // self.part.positions
-        patterns = [
-            {entry.name: entry.recipe for entry in self.entries[k::parts]} for k in range(parts)
-        ]
+        groups = [{name: recipes[name] for name in names[k::parts]} for k in range(parts)]
         return [
-            self.scene.job(
-                f"{press} ({k} of {parts})", self.name, press, track_press, TrackingJob,
-                cost_s(frames, len(group)), patterns=group, methods=tuple(FLOW_NAMES),
+            scene.job(
+                f"{press}, seed {scene.seed} ({k} of {parts})", self.name, press, track_press,
+                TrackingJob, cost_s(frames, len(group)), patterns=group, method=FlowTracker.PAPER,
             )
             for press in self.scene.presses(self.name)
-            for k, group in enumerate(patterns, start=1)
+            for k, group in enumerate(groups, start=1)
         ]  # fmt: skip
 
 
