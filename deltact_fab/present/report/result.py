@@ -67,15 +67,20 @@ GoalState = Literal["met", "equal", "missed", "undecided"]
 """Equal: of a claim, no difference beyond the margin."""
 
 
-def decision_price(extra: int | None, noun: str, unit_cpu_s: float) -> str:
+MISSING_PRICE = "jobs are missing: run the same command"
+
+
+def decision_price(
+    extra: int | None, noun: str, unit_cpu_s: float, gain: str = "would decide"
+) -> str:
     """Price of a decision: further units, were the truth as measured, with their CPU time.
 
-    extra: None if no number of units would decide. noun: of one unit, singular.
+    extra: None if no number of units would decide. noun: of one unit, singular. gain: by them.
     """
     if extra is None:
         return f"no number of {noun}s would decide"
     cost = f", {unit_cpu_s * extra / 60:.2g} CPU min," if unit_cpu_s else ""
-    return f"{extra} {noun}{'s' * (extra > 1)} more{cost} would decide"
+    return f"{extra} {noun}{'s' * (extra > 1)} more{cost} {gain}"
 
 
 @dataclass(frozen=True)
@@ -133,14 +138,13 @@ class Headline:
         if self.state != "undecided":
             return ""
         if not self.whole:
-            return "jobs are missing: run the same command"
-        from deltact_fab.estimate import MIN_GROUPS
-
+            return MISSING_PRICE
         if self.low is None or self.high is None:
-            extra: int | None = max(MIN_GROUPS - self.groups, 1)
-        else:
-            extra = self._extra_groups(self.low, self.high)
-        return decision_price(extra, self.noun, self.unit_cpu_s)
+            from deltact_fab.estimate import MIN_GROUPS
+
+            extra = max(MIN_GROUPS - self.groups, 1)
+            return decision_price(extra, self.noun, self.unit_cpu_s, "would give an interval")
+        return decision_price(self._extra_groups(self.low, self.high), self.noun, self.unit_cpu_s)
 
     def _extra_groups(self, low: float, high: float) -> int | None:
         """Further groups that would decide, by the interval, of logarithms if all are positive."""
@@ -197,8 +201,7 @@ class Claim:
         if final and self.state != "undecided":
             return self.answers[self.state]
         price = decision_price(self.extra, self.noun, self.unit_cpu_s)
-        price = price if final else "jobs are missing: run the same command"
-        return f"Undecided whether {self.subject}: {price}."
+        return f"Undecided whether {self.subject}: {price if final else MISSING_PRICE}."
 
     def as_dict(self, final: bool = True) -> dict[str, Any]:
         """Return plain data."""

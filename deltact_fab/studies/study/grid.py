@@ -124,22 +124,19 @@ def job_arguments(value: Any) -> dict[str, Any]:
 class Grid:
     """Results of jobs by name, in order.
 
-    missing: reason per job without a result. cached: names of those that the store had.
+    missing: reason per job without a result. n_cached: results found in the store. new_cpu_s: CPU
+    time of the others.
     """
 
     results: dict[str, Value]
     missing: dict[str, str]
-    cached: frozenset[str]
+    n_cached: int
+    new_cpu_s: float = 0.0
 
     @property
     def cpu_s(self) -> float:
         """CPU time of all results, that of earlier calls included."""
         return float(sum(value["cpu_s"] for value in self.results.values()))
-
-    @property
-    def new_cpu_s(self) -> float:
-        """CPU time of this call's results."""
-        return float(sum(v["cpu_s"] for name, v in self.results.items() if name not in self.cached))
 
     def __getitem__(self, name: str) -> Value:
         """Return a required result. Raises RunFailed if it is missing."""
@@ -169,7 +166,7 @@ def solve(
     keys = {job.name: job.key() for job in jobs}
     stored = {name: STUDY_STORE.read(key) for name, key in keys.items()}
     results = {name: value for name, value in stored.items() if value is not None}
-    cached = frozenset(results)
+    n_cached, new = len(results), {job.name for job in jobs} - results.keys()
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused: list[str] = []
@@ -202,7 +199,7 @@ def solve(
 
     if todo:
         about = pace.beforehand and f", {pace.beforehand}"
-        say(f"{len(cached)} of {len(jobs)} jobs stored, {len(todo)} to do{about}")
+        say(f"{n_cached} of {len(jobs)} jobs stored, {len(todo)} to do{about}")
     tick("")
     try:
         run_jobs(_run_job, todo, on_end, executor)
@@ -215,7 +212,9 @@ def solve(
         raise errors[0]
     # Delete the least recently used, never those of this grid, which are the newest.
     STUDY_STORE.trim(MAX_STORE_BYTES, keys.values())
-    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, cached)
+    new_cpu_s = float(sum(results[name]["cpu_s"] for name in new if name in results))
+    ended = {j.name: results[j.name] for j in jobs if j.name in results}
+    return Grid(ended, missing, n_cached, new_cpu_s)
 
 
 def _run_job(job: GridJob) -> Value:

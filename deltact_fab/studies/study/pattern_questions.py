@@ -12,7 +12,7 @@ Technometrics 24, 1982, 295). A rival with an outcome is not tracked any more.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
@@ -36,24 +36,24 @@ EQUAL_SHARE = 0.1  # by hand: the issue's margin, 10 % of the error
 EQUAL_MM = 0.005
 """Measured, docs/evidence/force.md, "Wrong on purpose": a flow error of 0.14 px (0.005 mm) moves
 force by 1 % of its range, one of 0.2 px depth by 0.01 mm."""
-Errors = Mapping[str, Mapping[str, float]]
-"""Error by pattern and realisation, mm; infinite where it cannot be tracked."""
+Errors = Mapping[str, Mapping[int, float]]
+"""Error by pattern and seed of a realisation, mm; infinite where it cannot be tracked."""
 Outcome = Literal["worse", "better", "equal", "undecided"]
 """Outcome of a comparison, for the rival."""
 Answer = Literal["met", "equal", "missed", "undecided"]
 """State of a claim."""
 
 
-def press_means(results: Iterable[Mapping[str, Any]], key: str) -> dict[str, float]:
-    """Mean of a figure of `track_press` over presses, by pattern; infinite if a press has none."""
-    parts: dict[str, list[float | None]] = {}
+def press_means(results: Iterable[Mapping[str, Any]], key: str) -> Iterator[tuple[str, int, float]]:
+    """Name, seed and mean over presses of a figure of `track_press`; infinite if one has none."""
+    parts: dict[tuple[str, int], list[float]] = {}
     for result in results:
-        for name, figures in result["figures"].items():
-            parts.setdefault(name, []).append(figures[key])
-    return {
-        name: float(np.mean([math.inf if v is None else v for v in values]))
-        for name, values in parts.items()
-    }
+        for seed, patterns in result["figures"].items():
+            for name, figures in patterns.items():
+                value = figures[key]
+                parts.setdefault((name, seed), []).append(math.inf if value is None else value)
+    for (name, seed), values in parts.items():
+        yield name, seed, float(np.mean(values))
 
 
 def next_look(realisations: int) -> int:
@@ -133,16 +133,16 @@ class Question:
             return set()
         return {*self.claimed, *(name for label in self.undecided for name in self.rivals[label])}
 
-    def claim(self, pattern_cpu_s: float) -> Claim:
+    def claim(self, pattern_cpu_s: float, realisations: int) -> Claim:
         """Claim with its price. pattern_cpu_s: CPU time of a realisation of a pattern."""
-        extra: int | None = FIRST_LOOK
+        extra: int | None = FIRST_LOOK - realisations
         if self.differences and self.state == "undecided":
             worse, better = self._error_rates(self.looks + 1)
             parts = [self.differences[label] for label in self.undecided]
             needed = [d.units_needed(self.margin, worse if d.value > 0 else better) for d in parts]
             numbers = [number for number in needed if number is not None]
-            most = max(numbers, default=0) - parts[0].counts[0]
-            extra = max(most, 1) if len(numbers) == len(needed) else None
+            most = max([*numbers, next_look(parts[0].counts[0])]) - realisations
+            extra = most if len(numbers) == len(needed) else None
         answers = {
             state: text.format(
                 *(", ".join(label for label, o in self.outcomes.items() if o == outcome)
@@ -172,8 +172,8 @@ class Question:
 
 def _mean_errors(errors: Errors, names: Sequence[str]) -> dict[str, float]:
     """Mean error of some patterns by realisation."""
-    return {unit: float(np.mean([errors[name][unit] for name in names]))
-            for unit in errors[names[0]]}  # fmt: skip
+    return {f"{seed}": float(np.mean([errors[name][seed] for name in names]))
+            for seed in errors[names[0]]}  # fmt: skip
 
 
 def _finite(ends: tuple[float, float]) -> tuple[float | None, float | None]:

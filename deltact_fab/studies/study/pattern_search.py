@@ -21,7 +21,7 @@ from deltact_fab.sensor import Printer, SensorDimensions
 from .grid import GridJob, seed_of
 from .pattern_questions import press_means
 from .pattern_selection import covered_part, frames_per_indenter
-from .press_jobs import TrackingJob, cost_s, track_press
+from .press_jobs import TrackingJob, cost_s, seed_groups, track_press
 from .registry import StudyRequest, load_virtual_rig, parse_scale
 from .scene import STUDY_RIG, PressScene
 from .search_candidates import (
@@ -87,29 +87,30 @@ def run(request: StudyRequest) -> StudyResult:
     chosen = list(dict.fromkeys([*best, PAPER_PATTERN, *([shipped] if shipped in among else [])]))
     scene.solve_gels(request)
     seeds = [seed_of(request.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
+    groups = seed_groups(seeds, len(chosen))
     jobs = [
         [
-            replace(scene, seed=seed).job(
+            replace(scene, seed=0).job(
                 f"{press}, held out {k}", SEARCH_PROTOCOL, press, track_press, TrackingJob,
-                cost_s(frames_per_indenter(protocol), len(chosen)), method=OUR_FLOW,
-                patterns={name: _with_seed(among[name], seed) for name in chosen},
+                cost_s(frames_per_indenter(protocol), len(chosen) * len(group)),
+                patterns={name: among[name] for name in chosen}, seeds=group, method=OUR_FLOW,
             )
             for press in scene.presses(SEARCH_PROTOCOL)
         ]
-        for k, seed in enumerate(seeds, start=1)
+        for k, group in enumerate(groups, start=1)
     ]  # fmt: skip
     done_jobs = request.solve([job for group in jobs for job in group]).results
-    errors: dict[str, dict[str, float]] = {name: {} for name in chosen}
+    errors: dict[str, dict[int, float]] = {name: {} for name in chosen}
     coverage: dict[str, list[float]] = {name: [] for name in chosen}
-    losses = []
-    for k, group in enumerate(jobs, start=1):
+    losses: list[str] = []
+    for group in jobs:
         if any(job.name not in done_jobs for job in group):
             continue
         parts = [done_jobs[job.name] for job in group]
-        losses += [line for part in parts for line in part["refused"].items()]
-        for name, error_mm in press_means(parts, "mean_off_dots_mm").items():
-            errors[name][f"held out {k}"] = error_mm
-        for name, share in press_means(parts, "coverage").items():
+        losses += [line for part in parts for line in part["refused"]]
+        for name, seed, error_mm in press_means(parts, "mean_off_dots_mm"):
+            errors[name][seed] = error_mm
+        for name, _, share in press_means(parts, "coverage"):
             coverage[name].append(share)
     means = {name: float(np.mean(shares)) for name, shares in coverage.items() if shares}
     gel_table = confirmation_table(errors, means)
@@ -166,8 +167,7 @@ def run(request: StudyRequest) -> StudyResult:
         notes=(
             "Printer and camera models have assumed, not measured, parameters: print the best few "
             "on one sheet and run `study run pattern-selection` on your bench before you commit.",
-            *dict.fromkeys(f"{name} was not tracked on the gel: {reason}"
-                           for name, reason in losses),
+            *dict.fromkeys(f"not tracked on the gel: {line}" for line in losses),
         ),
         left_out=SEARCH_LEFT_OUT,
         files={"best-pattern.toml": toml_text(

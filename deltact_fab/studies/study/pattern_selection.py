@@ -23,7 +23,7 @@ from deltact_fab.fabricate import SeriesEntry, list_series
 from deltact_fab.present import StudyResult
 from deltact_fab.sensor import parse_indenter
 
-from .grid import Grid, GridJob
+from .grid import GridJob
 from .pattern_questions import (
     Question,
     error_chart,
@@ -33,7 +33,7 @@ from .pattern_questions import (
     paper_questions,
     press_means,
 )
-from .press_jobs import TrackingJob, cost_s, track_press
+from .press_jobs import TrackingJob, cost_s, seed_groups, track_press
 from .registry import StudyRequest, modulus_remark
 from .scene import PressScene, flag_setting
 
@@ -80,7 +80,7 @@ def run(request: StudyRequest) -> StudyResult:
         seed=request.seed,
         scale=request.scale,
         answer=(f"Simulated: {covers} or fewer, {trial.cpu_s / 60:.0f} CPU min.",),
-        claims=tuple(q.claim(trial.pattern_cpu_s) for q in trial.questions),
+        claims=tuple(q.claim(trial.pattern_cpu_s, trial.realisations) for q in trial.questions),
         headlines=error_headlines(selection.entries, trial.errors),
         tables=error_tables(selection.entries, trial.errors, trial.questions, covers),
         figures=(error_chart(selection.entries, trial.errors, covers),),
@@ -92,7 +92,7 @@ def run(request: StudyRequest) -> StudyResult:
         ),
         left_out=SELECTION_LEFT_OUT if rig.lens else (*SELECTION_LEFT_OUT, NO_LENS),
         extra={
-            "part": part._asdict(), "errors_mm": trial.errors, "cpu_min": trial.cpu_s / 60,
+            "part": part._asdict(), "errors_mm": trial.finite_errors, "cpu_min": trial.cpu_s / 60,
         },
         settings={
             "path": part.words,
@@ -119,7 +119,7 @@ class SelectionTrial:
     def __init__(self, selection: Selection, request: StudyRequest, budget_s: float) -> None:
         self.selection, self.request, self.budget_s = selection, request, budget_s
         self.questions: list[Question] = paper_questions(selection.entries)
-        self.errors: dict[str, dict[str, float]] = {e.name: {} for e in selection.entries}
+        self.errors: dict[str, dict[int, float]] = {e.name: {} for e in selection.entries}
         self.realisations, self.spent_s, self.cpu_s = 0, 0.0, 0.0
         self.losses: list[str] = []
         self.gels: list[dict[str, object]] = []
@@ -129,8 +129,9 @@ class SelectionTrial:
         """Run until decided or out of CPU time; patterns without a question have one look."""
         names = [entry.name for entry in self.selection.entries]
         while names:
-            for _ in range(self.realisations, next_look(self.realisations)):
-                if not self._add_realisation(names):
+            seeds = range(self.realisations, next_look(self.realisations))
+            for group in seed_groups([self.request.seed + k for k in seeds], len(names)):
+                if not self._add_realisations(names, group):
                     return
             for question in self.questions:
                 question.look(self.errors)
@@ -138,13 +139,19 @@ class SelectionTrial:
             names = [name for name in names if name in needed]
 
     @property
+    def finite_errors(self) -> dict[str, dict[int, float | None]]:
+        """Errors as plain data, None where a pattern cannot be tracked."""
+        return {name: {seed: e if math.isfinite(e) else None for seed, e in by_seed.items()}
+                for name, by_seed in self.errors.items()}  # fmt: skip
+
+    @property
     def pattern_cpu_s(self) -> float:
         """Measured CPU time of a realisation of one pattern."""
         return self.cpu_s / max(1, sum(map(len, self.errors.values())))
 
-    def _add_realisation(self, names: Sequence[str]) -> bool:
-        """Track one more realisation; False if CPU time or a job is missing."""
-        jobs = self.selection.jobs(self.realisations, names)
+    def _add_realisations(self, names: Sequence[str], seeds: tuple[int, ...]) -> bool:
+        """Track a group of realisations; False if CPU time or a job is missing."""
+        jobs = self.selection.jobs(seeds, names)
         # Declared costs are scaled by what the jobs so far took.
         pace = self.cpu_s / self._declared_s if self._declared_s else 1.0
         left_s, affordable = self.budget_s - self.spent_s, []
@@ -153,21 +160,18 @@ class SelectionTrial:
             if price_s <= left_s:
                 affordable.append(job)
                 left_s -= price_s
-        grid: Grid = self.request.solve(affordable)
+        grid = self.request.solve(affordable)
         self.spent_s += grid.new_cpu_s
         self.cpu_s += grid.cpu_s
         self._declared_s += sum(job.cost for job in affordable if job.name in grid.results)
         if len(grid.results) < len(jobs):
             return False
-        self.realisations += 1
-        unit = f"seed {self.request.seed + self.realisations - 1}"
+        self.realisations += len(seeds)
         results = [grid[job.name] for job in jobs]
-        for name, error_mm in press_means(results, AT_DOTS).items():
-            self.errors[name][unit] = error_mm
-        self.losses += [
-            f"{name}, {unit}: {reason}" for r in results for name, reason in r["refused"].items()
-        ]
-        self.gels = self.gels or [{"flags": r["flags"]} for r in results]
+        for name, seed, error_mm in press_means(results, AT_DOTS):
+            self.errors[name][seed] = error_mm
+        self.losses += [line for result in results for line in result["refused"]]
+        self.gels = self.gels or [{"flags": result["flags"]} for result in results]
         return True
 
 
@@ -261,9 +265,7 @@ def longest_step_mm(protocol: Protocol) -> float:
 
 
 SELECTION_SCALE = 0.04
-"""By hand: 136 of 3600 frames per indenter; 40 minutes on two cores with the gel solved."""
-MAX_PATTERNS_PER_JOB = 6
-"""By hand: each takes some 80 MB; decision 0040: fewer share the cost of a frame's geometry."""
+"""By hand: 136 of 3600 frames per indenter, and all depths and axes."""
 
 
 @dataclass(frozen=True)
@@ -284,7 +286,7 @@ class Selection:
             [parse_indenter(name).name for name in request.options.get("indenter") or ()],
             list(full.tips),
         )
-        series = {entry.name: entry for entry in list_series(request.seed)}
+        series = {entry.name: entry for entry in list_series()}
         names = _select_names("--pattern", list(request.options.get("pattern") or ()), list(series))
         protocol = thin_protocol(full, SELECTION_SCALE if request.scale is None else request.scale)
         protocol = protocol.narrowed(tips=indenters)
@@ -297,20 +299,17 @@ class Selection:
         """Protocol of the presses."""
         return self.scene.protocols[self.name]
 
-    def jobs(self, realisation: int, names: Sequence[str]) -> list[GridJob]:
-        """Jobs of one realisation: a press and a group of patterns, which share its geometry."""
-        scene = replace(self.scene, seed=self.scene.seed + realisation)
-        recipes = {entry.name: entry.recipe for entry in list_series(scene.seed)}
-        parts = math.ceil(len(names) / MAX_PATTERNS_PER_JOB)
-        frames = self.part.frames_an_indenter // self.part.positions
-        groups = [{name: recipes[name] for name in names[k::parts]} for k in range(parts)]
+    def jobs(self, seeds: tuple[int, ...], names: Sequence[str]) -> list[GridJob]:
+        """Jobs of some realisations, one per press."""
+        recipes = {entry.name: entry.recipe for entry in self.entries if entry.name in names}
+        cost = cost_s(self.part.frames_an_indenter // self.part.positions, len(names) * len(seeds))
+        words = f"seeds {seeds[0]} to {seeds[-1]}, {len(names)} patterns"
         return [
-            scene.job(
-                f"{press}, seed {scene.seed} ({k} of {parts})", self.name, press, track_press,
-                TrackingJob, cost_s(frames, len(group)), patterns=group, method=FlowTracker.PAPER,
+            replace(self.scene, seed=0).job(
+                f"{press}, {words}", self.name, press, track_press, TrackingJob, cost,
+                patterns=recipes, seeds=seeds, method=FlowTracker.PAPER,
             )
             for press in self.scene.presses(self.name)
-            for k, group in enumerate(groups, start=1)
         ]  # fmt: skip
 
 

@@ -7,7 +7,7 @@ Pattern studies track a press under several patterns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,9 +70,14 @@ class ShapeJob(PressJob):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingJob(PressJob):
-    """Arguments of `track_press`. patterns: recipes by name. method: of the tracker."""
+    """Arguments of `track_press`.
+
+    patterns: recipes by name, of any seed. seeds: of realisations of pattern, print and noise.
+    method: of the tracker.
+    """
 
     patterns: dict[str, PatternRecipe]
+    seeds: tuple[int, ...]
     method: str
 
 
@@ -137,8 +142,10 @@ def shape_job(job: ShapeJob) -> dict[str, Any]:
         return {"shape": measure_press(run.folder, job.press, depth, force), **gel}
 
 
-# By hand: CPU seconds on one core, for the announced time only; too small promises too much.
-GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.12, 0.12, 0.6
+# By hand: CPU seconds on one core; too small promises too much. Geometry is that of deep presses.
+GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.6, 0.1, 0.6
+MAX_FOLLOWED = 17
+"""By hand: each pattern takes some 95 MB; fewer share the geometry, most of a deep frame's cost."""
 TRACKED_FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "coverage")
 """Figures of `ErrorTally` that a press under a pattern is stored with."""
 
@@ -148,10 +155,16 @@ def cost_s(frames: int, patterns: int) -> float:
     return frames * (GEOMETRY_COST_S + patterns * PATTERN_COST_S) + patterns * PRINT_COST_S
 
 
-def track_press(job: TrackingJob) -> dict[str, Any]:
-    """Track every frame of a press under every pattern; geometry is computed once.
+def seed_groups(seeds: Sequence[int], patterns: int) -> list[tuple[int, ...]]:
+    """Groups of seeds for jobs of so many patterns."""
+    size = max(1, MAX_FOLLOWED // patterns)
+    return [tuple(seeds[k : k + size]) for k in range(0, len(seeds), size)]
 
-    Returns `figures`, TRACKED_FIGURES by pattern; `refused`, the reason per pattern that cannot be
+
+def track_press(job: TrackingJob) -> dict[str, Any]:
+    """Track every frame of a press under every pattern and seed; geometry is computed once.
+
+    Returns `figures`, TRACKED_FIGURES by seed and pattern; `refused`, lines on those that cannot be
     tracked; and the `flags` of the gel. Truth is computed only for patterns without dots. Raises
     SolverError if the gel cannot be solved or rendered.
     """
@@ -160,25 +173,28 @@ def track_press(job: TrackingJob) -> dict[str, Any]:
     cv2.setNumThreads(1)  # one job per core
     stream = PressStream(job.protocol, job.press, job.sensor, job.rig, Path(job.rig_file))
     printed, refused = {}, {}
-    for name, recipe in job.patterns.items():
-        marks = stream.marks(recipe)
-        plan = TrackingPlan((job.method,), bool(len(marks.dots_mm)), ())
-        picture = stream.picture(recipe, job.seed)
-        printed[name] = picture, stream.noise(job.seed), Follower(plan, marks)
+    for seed in job.seeds:
+        for name, recipe in job.patterns.items():
+            seeded = recipe.model_copy(update={"seed": seed})
+            marks = stream.marks(seeded)
+            plan = TrackingPlan((job.method,), bool(len(marks.dots_mm)), ())
+            picture = stream.picture(seeded, seed)
+            printed[seed, name] = picture, stream.noise(seed), Follower(plan, marks)
     has_truth = any(follower.dots is None for _, _, follower in printed.values())
     for frame in stream.frames(has_truth=has_truth):
-        for name, (picture, noise, follower) in printed.items():
-            if name in refused:
+        for key, (picture, noise, follower) in printed.items():
+            if key in refused:
                 continue
             image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
                 follower.track(image, frame.true)
             except SensorError as error:  # the camera sees only grey
-                refused[name] = str(error)
-    figures = {}
-    for name, (_, _, follower) in printed.items():
+                refused[key] = str(error)
+    figures: dict[int, dict[str, dict[str, float | None]]] = {seed: {} for seed in job.seeds}
+    for (seed, name), (_, _, follower) in printed.items():
         tallied = follower.tallies[job.method].figures()
-        figures[name] = {key: tallied[key] for key in TRACKED_FIGURES}
+        figures[seed][name] = {key: tallied[key] for key in TRACKED_FIGURES}
         if follower.left_out:
-            refused.setdefault(name, follower.left_out[0])
-    return {"figures": figures, "refused": refused, "flags": stream.solver.flags}
+            refused.setdefault((seed, name), follower.left_out[0])
+    lines = [f"{name}, seed {seed}, {job.press}: {why}" for (seed, name), why in refused.items()]
+    return {"figures": figures, "refused": lines, "flags": stream.solver.flags}

@@ -159,7 +159,7 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def confirmation_table(
-    errors: Mapping[str, Mapping[str, float]], coverage: Mapping[str, float]
+    errors: Mapping[str, Mapping[int, float]], coverage: Mapping[str, float]
 ) -> pd.DataFrame:
     """Table of patterns tracked with every seed by the default tracker, the best first.
 
@@ -175,7 +175,7 @@ def confirmation_table(
 
 
 def headlines(
-    errors: Mapping[str, Mapping[str, float]], best: Sequence[str], to_print: str
+    errors: Mapping[str, Mapping[int, float]], best: Sequence[str], to_print: str
 ) -> tuple[Headline, ...]:
     """Headlines: error of the pattern to print, and its ratio to that of the paper's pattern."""
     tracked = {name: [*by_seed.values()] for name, by_seed in errors.items()
