@@ -103,7 +103,7 @@ def alone(job: GridJob) -> dict[str, Any]:
 
 def scene(depth_mm: float) -> Selection:
     """One press without a drag, its gel solved."""
-    small = Selection.from_request(StudyRequest(scale=0.001, options={"indenter": ["ellipsoid"]}))
+    small = Selection.from_request(StudyRequest(options={"indenter": ["ellipsoid"]}))
     lone = {"depths_mm": (depth_mm,), "shear": None}
     protocols = {small.name: small.protocol.model_copy(update=lone)}
     found = replace(small, scene=replace(small.scene, protocols=protocols))

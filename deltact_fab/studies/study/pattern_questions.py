@@ -251,7 +251,7 @@ def error_headlines(entries: Sequence[SeriesEntry], errors: Errors) -> tuple[Hea
 
 
 def error_tables(
-    entries: Sequence[SeriesEntry], errors: Errors, questions: Sequence[Question], covers: str
+    entries: Sequence[SeriesEntry], errors: Errors, questions: Sequence[Question]
 ) -> tuple[ReportTable, ...]:
     """Tables of patterns and of comparisons."""
     rows = []
@@ -265,7 +265,7 @@ def error_tables(
                 "high_mm": high, "realisations": len(errors.get(entry.name, {})),
             }
         )  # fmt: skip
-    caption = f"Error of each pattern at the dots (Eq. 7), mean over presses. Over {covers}."
+    caption = "Error of each pattern at the dots (Eq. 7), mean over presses."
     tables = [ReportTable("patterns", caption, pd.DataFrame(rows))]
     if compared := [row for question in questions for row in question.rows]:
         caption = (

@@ -20,10 +20,10 @@ from deltact_fab.sensor import Printer, SensorDimensions
 
 from .grid import GridJob, seed_of
 from .pattern_questions import press_means
-from .pattern_selection import covered_part, frames_per_indenter
+from .pattern_selection import frames, press_words
 from .press_jobs import TrackingJob, cost_s, seed_groups, track_press
 from .registry import StudyRequest, load_virtual_rig, parse_scale
-from .scene import STUDY_RIG, PressScene
+from .scene import STUDY_RIG, PressScene, describe_bench
 from .search_candidates import (
     MAX_PATCH_PX,
     MIN_BRIDGED_MM,
@@ -92,7 +92,7 @@ def run(request: StudyRequest) -> StudyResult:
         [
             replace(scene, seed=0).job(
                 f"{press}, held out {k}", SEARCH_PROTOCOL, press, track_press, TrackingJob,
-                cost_s(frames_per_indenter(protocol), len(chosen) * len(group)),
+                cost_s(frames(protocol, scene), len(chosen) * len(group)),
                 patterns={name: among[name] for name in chosen}, seeds=group, method=OUR_FLOW,
             )
             for press in scene.presses(SEARCH_PROTOCOL)
@@ -158,8 +158,7 @@ def run(request: StudyRequest) -> StudyResult:
             f"{MIN_PATCH_PX:g} to {MAX_PATCH_PX:g} camera pixels per patch (the paper's always)",
             "to be a finalist": f"tracker confident on {100 * MIN_COVERED_SHARE:.0f} % of "
             f"the moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one per law and size",
-            "confirmed on": f"{covered_part(full, protocol).words}, finite-strain gel of the "
-            f"rig {rig!r}",
+            "confirmed on": f"{press_words(protocol, scene)}, finite-strain gel of the rig {rig!r}",
             "friction": f"{protocol.specimen.friction:g}",
             "seeds": f"{len(searches)} of the search, {len(seeds)} held out: pattern, print and "
             "noise are redrawn with each",
@@ -204,15 +203,3 @@ def open_bench(
     simulator = config.virtual.model_copy(update={"lens": None, "printer": printer})
     config = config.model_copy(update={"virtual": simulator, "camera": None})
     return config, replace(sensor, optics=optics)
-
-
-def describe_bench(config: VirtualConfig, sensor: SensorDimensions) -> dict[str, str]:
-    """Printer and camera in words."""
-    p, s = config.virtual.printer, config.virtual.camera
-    return {
-        "printer": f"{p.dpi} dpi, {p.levels} levels per ink, spread {p.spread_um:g} µm, inks "
-        f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
-        "camera": f"{sensor.optics.mm_per_px:g} mm per pixel, blur {s.blur_px:g} px, full well "
-        f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
-        f"shading {s.shading:g}, Bayer mosaic",
-    }

@@ -1,12 +1,9 @@
 """`study run pattern-selection`: which of the paper's 17 patterns is tracked best, as a comparison.
 
-Simulated: all patterns under the same presses of 5 indenters, whose gel is solved once; the frames
-of a press are drawn and tracked as a stream (`stream`) by the published tracker. Realisations are
+All patterns are pressed by the same presses of 5 indenters, whose gel is solved once; the frames of
+a press are drawn and tracked as a stream (`stream`) by the published tracker. Realisations are
 added until the questions are decided, for patterns that a question still needs, or until the CPU
 time is used up; the same command then goes on from the stored jobs.
-
-A smaller scale keeps the step between frames, which a tracker has to bridge, and the presses: all
-depths, both axes.
 """
 
 from __future__ import annotations
@@ -14,10 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
-from deltact_fab.bench import Protocol, expand_protocol, load_protocol
-from deltact_fab.common import MM_PER_INCH, InputError, Note, did_you_mean
+from deltact_fab.bench import Protocol, RunEstimate, load_protocol
+from deltact_fab.common import InputError, Note, did_you_mean
 from deltact_fab.estimate import FlowTracker
 from deltact_fab.fabricate import SeriesEntry, list_series
 from deltact_fab.present import StudyResult
@@ -35,22 +31,24 @@ from .pattern_questions import (
 )
 from .press_jobs import TrackingJob, cost_s, seed_groups, track_press
 from .registry import StudyRequest, modulus_remark
-from .scene import PressScene, flag_setting
+from .scene import PressScene, describe_bench, flag_setting
 
-SELECTION_STUDY, SELECTION_TITLE = "pattern-selection", "Which pattern is tracked best"
+SELECTION_STUDY = "pattern-selection"
+SELECTION_SHEAR_MM = 0.949
+"""By hand: five steps between frames, of 10 mm; one position has 136 of the paper's 3600 frames."""
 SELECTION_CPU_MIN = 120.0  # by hand: an hour on two cores
-AT_DOTS = "mean_at_dots_mm"  # the paper's error, Eq. 7
 SELECTION_NOTES = (
     "The paper stacks its indenters' errors and calls the result the average error: if that is a "
     "sum of five, its mean errors are a fifth.",
     "A realisation is another seed of pattern, print and noise, shared by all patterns; intervals "
     "are over realisations, of one gel and these presses.",
+    "The paper does not give its gel, the indenters' sizes, its positions, or the threshold for "
+    "renewing the reference: 18 grey levels in the program that its group has published.",
 )
 SELECTION_LEFT_OUT = (
     Note("images and records", "rendered and tracked as a stream, not stored"),
-    Note("forces", "not in the protocol's channels"),
+    Note("the paper's full path", "4 positions and drags of 10 mm: --protocol pattern-selection"),
 )
-NO_LENS = Note("the lens", "this rig uses a pinhole camera")
 
 
 def run(request: StudyRequest) -> StudyResult:
@@ -58,62 +56,47 @@ def run(request: StudyRequest) -> StudyResult:
 
     Raises InputError for unknown names or CPU minutes, RunFailed if every job failed.
     """
-    selection = Selection.from_request(request)
     minutes = request.options.get("cpu_minutes")
     minutes = SELECTION_CPU_MIN if minutes is None else minutes
     if not 0 < minutes < math.inf:  # NaN fails too
         raise InputError(f"--cpu-minutes: {minutes:g}; expected a finite number above 0")
-    part, protocol, rig = selection.part, selection.protocol, selection.scene.rig.virtual
-    request.say(
-        f"{len(selection.entries)} patterns x {len(protocol.tips)} indenters: {part.words}; "
-        f"{part.longest_step_mm:.3f} mm between frames at most"
-    )
+    selection = Selection.from_request(request)
     selection.scene.solve_gels(request)
     trial = SelectionTrial(selection, request, 60 * minutes)
     trial.run()
-    specimen, printer = protocol.specimen, rig.printer
-    covers = f"{part.words}, {trial.realisations} realisations of {len(selection.entries)} patterns"
+    entries, specimen = selection.entries, selection.protocol.specimen
+    covers = f"{trial.realisations} realisations of {len(entries)} patterns, {selection.words}"
     return StudyResult(
         study=SELECTION_STUDY,
-        title=SELECTION_TITLE,
+        title="Which pattern is tracked best",
         simulated=True,
         seed=request.seed,
-        scale=request.scale,
-        answer=(f"Simulated: {covers} or fewer, {trial.cpu_s / 60:.0f} CPU min.",),
+        scale=None,
+        answer=(f"Simulated: at most {covers}; {trial.cpu_s / 60:.0f} CPU min.",),
         claims=tuple(q.claim(trial.pattern_cpu_s, trial.realisations) for q in trial.questions),
-        headlines=error_headlines(selection.entries, trial.errors),
-        tables=error_tables(selection.entries, trial.errors, trial.questions, covers),
-        figures=(error_chart(selection.entries, trial.errors, covers),),
-        notes=(
-            *SELECTION_NOTES,
-            *trial.losses,
-            _bench_note(selection),
-            modulus_remark(specimen.modulus_mpa),
-        ),
-        left_out=SELECTION_LEFT_OUT if rig.lens else (*SELECTION_LEFT_OUT, NO_LENS),
-        extra={
-            "part": part._asdict(), "errors_mm": trial.finite_errors, "cpu_min": trial.cpu_s / 60,
-        },
+        headlines=error_headlines(entries, trial.errors),
+        tables=error_tables(entries, trial.errors, trial.questions),
+        figures=(error_chart(entries, trial.errors, covers),),
+        notes=(*SELECTION_NOTES, *trial.losses, modulus_remark(specimen.modulus_mpa)),
+        left_out=SELECTION_LEFT_OUT,
+        extra={"cpu_min": trial.cpu_s / 60},
         settings={
-            "path": part.words,
-            "step between frames": f"{part.longest_step_mm:.3f} mm at most",
+            "presses": selection.words,
             "tracker": f"{FlowTracker.PAPER}: as published by the paper's group",
             "CPU time": f"{trial.cpu_s / 60:.1f} min for all jobs, {trial.spent_s / 60:.1f} in "
             "this call, without the gel",
             "gel": f"{specimen.gel_model}, {specimen.modulus_mpa:g} MPa, friction "
             f"{specimen.friction:g}",
-            "printer": f"{printer.dpi} dpi, {printer.levels} levels, spread {printer.spread_um:g} "
-            f"um, misregistration {printer.misregistration_um:g} um",
-            "camera": "; ".join(f"{k} {v}" for k, v in vars(rig.camera).items()),
+            **describe_bench(selection.scene.rig, selection.scene.sensor),
             **flag_setting(trial.gels, "presses"),
         },
-    )  # fmt: skip
+    )
 
 
 class SelectionTrial:
     """Trial that adds realisations until its questions are decided or the CPU time is used up.
 
-    errors: by pattern and realisation, mm. spent_s: CPU time of this call's jobs, cpu_s of all.
+    errors: by pattern and seed, mm. spent_s: CPU time of this call's jobs, cpu_s of all.
     """
 
     def __init__(self, selection: Selection, request: StudyRequest, budget_s: float) -> None:
@@ -139,12 +122,6 @@ class SelectionTrial:
             names = [name for name in names if name in needed]
 
     @property
-    def finite_errors(self) -> dict[str, dict[int, float | None]]:
-        """Errors as plain data, None where a pattern cannot be tracked."""
-        return {name: {seed: e if math.isfinite(e) else None for seed, e in by_seed.items()}
-                for name, by_seed in self.errors.items()}  # fmt: skip
-
-    @property
     def pattern_cpu_s(self) -> float:
         """Measured CPU time of a realisation of one pattern."""
         return self.cpu_s / max(1, sum(map(len, self.errors.values())))
@@ -168,104 +145,11 @@ class SelectionTrial:
             return False
         self.realisations += len(seeds)
         results = [grid[job.name] for job in jobs]
-        for name, seed, error_mm in press_means(results, AT_DOTS):
+        for name, seed, error_mm in press_means(results, "mean_at_dots_mm"):
             self.errors[name][seed] = error_mm
         self.losses += [line for result in results for line in result["refused"]]
         self.gels = self.gels or [{"flags": result["flags"]} for result in results]
         return True
-
-
-def _bench_note(selection: Selection) -> str:
-    """Note on the differences to the paper's bench."""
-    printer, optics = selection.scene.rig.virtual.printer, selection.scene.sensor.optics
-    least_mm = min(e.recipe.patch_mm for e in selection.entries if e.recipe.patch_mm)
-    dots, pixels = least_mm / (MM_PER_INCH / printer.dpi), least_mm / optics.mm_per_px
-    return (
-        f"Differences to the paper's bench: a printer model ({printer.dpi} dpi, "
-        f"{printer.spread_um:g} um spread: the smallest patch, {least_mm:g} mm, is {dots:.1f} "
-        f"printer dots and {pixels:.1f} pixels), no motion blur, constant light. The paper does "
-        "not give its gel, the indenters' sizes, its positions, or the size of the threshold for "
-        "renewing the reference: 18 grey levels in the program that its group has published."
-    )
-
-
-class PathPart(NamedTuple):
-    """Part of a full protocol's path that a reduced one covers.
-
-    words: one line. longest_step_mm: of the tip between two frames.
-    """
-
-    words: str
-    positions: int
-    frames_an_indenter: int
-    frames_share: float
-    longest_step_mm: float
-
-
-def thin_protocol(full: Protocol, scale: float) -> Protocol:
-    """Reduce a protocol to about `scale` times its frames, 0 < scale <= 1.
-
-    Keeps as few positions as possible, the first ones, and as many steps of their drags as fit, at
-    least one; the step between frames is unchanged.
-    """
-    if scale >= 1 or full.shear is None or full.shear.amplitude_mm is None:
-        return full
-    target = scale * frames_per_indenter(full)
-    count = math.ceil(scale * len(full.places_mm) - 1e-9)
-    rate_hz = full.capture.rate_hz
-    assert rate_hz is not None, "the paper's protocol films its drags"
-    step_mm = full.motion.shear_feed_mm_min / 60 / rate_hz
-    longest = int(full.shear.amplitude_mm / step_mm)
-    fewer = full.narrowed(places_mm=full.places_mm[:count])
-    if frames_per_indenter(fewer) <= target:
-        return fewer
-    one_step, two_steps = (frames_per_indenter(_with_drag(fewer, n * step_mm)) for n in (1, 2))
-    steps = round((target - one_step) / (two_steps - one_step)) + 1
-    return _with_drag(fewer, min(max(steps, 1), longest) * step_mm)
-
-
-def _with_drag(protocol: Protocol, amplitude_mm: float) -> Protocol:
-    """Return the protocol with drags of this length, rounded to 1 um."""
-    assert protocol.shear is not None
-    shear = protocol.shear.model_copy(update={"amplitude_mm": round(amplitude_mm, 3)})
-    return protocol.model_copy(update={"shear": shear})
-
-
-def frames_per_indenter(protocol: Protocol) -> int:
-    """Number of frames per indenter."""
-    first = protocol.narrowed(tips=protocol.tips[:1])
-    return sum(step.frames for step in expand_protocol(first))
-
-
-def covered_part(full: Protocol, protocol: Protocol) -> PathPart:
-    """Part of the full protocol's path that a reduced one covers."""
-    frames, of_frames = frames_per_indenter(protocol), frames_per_indenter(full)
-    positions, share = len(protocol.places_mm), frames / of_frames
-    words = (
-        f"{positions} of {len(full.places_mm)} positions, "
-        f"{' and '.join(f'{d:g}' for d in protocol.stops_mm)} mm deep, "
-    )
-    if protocol.shear and full.shear:
-        words += (
-            f"shear +-{protocol.shear.amplitude_mm or 0:g} of {full.shear.amplitude_mm or 0:g} mm "
-            f"in {' and '.join(protocol.shear.axes)}, "
-        )
-    words += f"{frames} of {of_frames} frames ({share:.1%})"
-    return PathPart(words, positions, frames, share, longest_step_mm(protocol))
-
-
-def longest_step_mm(protocol: Protocol) -> float:
-    """Longest motion of the tip between two frames of a press or drag, mm."""
-    longest, position_mm = 0.0, (0.0, 0.0, 0.0)
-    for step in expand_protocol(protocol):
-        if step.frames and step.kind in ("press", "shear"):
-            longest = max(longest, math.dist(position_mm, step.target_mm) / step.frames)
-        position_mm = step.target_mm
-    return longest
-
-
-SELECTION_SCALE = 0.04
-"""By hand: 136 of 3600 frames per indenter, and all depths and axes."""
 
 
 @dataclass(frozen=True)
@@ -274,43 +158,66 @@ class Selection:
 
     scene: PressScene
     name: str
-    part: PathPart
     entries: tuple[SeriesEntry, ...]
 
     @classmethod
     def from_request(cls, request: StudyRequest) -> Selection:
         """Build from a request. Raises InputError for a real rig or unknown names."""
-        full, source = load_protocol(str(request.options.get("protocol") or SELECTION_STUDY))
+        chosen = request.options.get("protocol")
+        protocol, source = load_protocol(str(chosen or SELECTION_STUDY))
+        if not chosen and protocol.shear is not None:
+            shear = protocol.shear.model_copy(update={"amplitude_mm": SELECTION_SHEAR_MM})
+            protocol = protocol.narrowed(places_mm=protocol.places_mm[:1])
+            protocol = protocol.model_copy(update={"shear": shear})
         indenters = _select_names(
             "--indenter",
             [parse_indenter(name).name for name in request.options.get("indenter") or ()],
-            list(full.tips),
+            list(protocol.tips),
         )
         series = {entry.name: entry for entry in list_series()}
         names = _select_names("--pattern", list(request.options.get("pattern") or ()), list(series))
-        protocol = thin_protocol(full, SELECTION_SCALE if request.scale is None else request.scale)
         protocol = protocol.narrowed(tips=indenters)
         scene = PressScene.load(request, {protocol.name: (protocol, source)})
-        entries = tuple(series[name] for name in names)
-        return cls(scene, protocol.name, covered_part(full, protocol), entries)
+        return cls(scene, protocol.name, tuple(series[name] for name in names))
 
     @property
     def protocol(self) -> Protocol:
         """Protocol of the presses."""
         return self.scene.protocols[self.name]
 
+    @property
+    def words(self) -> str:
+        """Presses in words."""
+        return press_words(self.protocol, self.scene)
+
     def jobs(self, seeds: tuple[int, ...], names: Sequence[str]) -> list[GridJob]:
         """Jobs of some realisations, one per press."""
         recipes = {entry.name: entry.recipe for entry in self.entries if entry.name in names}
-        cost = cost_s(self.part.frames_an_indenter // self.part.positions, len(names) * len(seeds))
+        presses = self.scene.presses(self.name)
+        cost = cost_s(frames(self.protocol, self.scene) // len(presses), len(names) * len(seeds))
         words = f"seeds {seeds[0]} to {seeds[-1]}, {len(names)} patterns"
         return [
             replace(self.scene, seed=0).job(
                 f"{press}, {words}", self.name, press, track_press, TrackingJob, cost,
                 patterns=recipes, seeds=seeds, method=FlowTracker.PAPER,
             )
-            for press in self.scene.presses(self.name)
+            for press in presses
         ]  # fmt: skip
+
+
+def frames(protocol: Protocol, scene: PressScene) -> int:
+    """Number of frames of a protocol."""
+    return RunEstimate.from_protocol(protocol, 0, scene.rig.stage).frames
+
+
+def press_words(protocol: Protocol, scene: PressScene) -> str:
+    """Presses of a protocol in words."""
+    shear, count = protocol.shear, len(protocol.places_mm)
+    words = f"{len(protocol.tips)} indenters at {count} position{'s' * (count > 1)}, "
+    words += f"{' and '.join(f'{depth:g}' for depth in protocol.stops_mm)} mm deep, "
+    if shear and shear.amplitude_mm:
+        words += f"shear +-{shear.amplitude_mm:g} mm in {' and '.join(shear.axes)}, "
+    return f"{words}{frames(protocol, scene)} frames"
 
 
 def _select_names(option: str, requested: list[str], choices: list[str]) -> list[str]:

@@ -52,15 +52,12 @@ STUDIES = {
         "The paper's 17 patterns under 5 indenters.",
         "Tracks with the published tracker and compares errors at the dots over realisations of "
         "pattern, print and noise, until each question is decided or the CPU time is used up; the "
-        "same command goes on from there. --scale 1 is the paper's 3600 frames per indenter and "
-        "pattern. A smaller scale films fewer positions and shorter drags, with the same step "
-        "between frames. The gel is solved once and stored. Sides of recorded runs: "
-        "`analyze compare`.",
-        takes=("scale", "seed", "rig", "grid"),
-        scale=0.04,
+        "same command goes on from there. The gel is solved once and stored. Sides of recorded "
+        "runs: `analyze compare`.",
+        takes=("seed", "rig", "grid"),
         options={
-            "--protocol": {"help": "Protocol to press: a name or a path.",
-                           "default": "pattern-selection"},
+            "--protocol": {"help": "Press the whole of this protocol, a name or a path.",
+                           "show_default": "pattern-selection at one position, short drags"},
             "--pattern": {"help": "Only this pattern of the series, as d0p1-r0p5; repeatable.",
                           "multiple": True},
             "--indenter": {"help": "Only this indenter of the protocol; repeatable.",
