@@ -134,7 +134,7 @@ class Headline:
 
     @property
     def price(self) -> str:
-        """What would decide an undecided goal; empty for others."""
+        """Price of deciding an undecided goal; empty for others."""
         if self.state != "undecided":
             return ""
         if not self.whole:

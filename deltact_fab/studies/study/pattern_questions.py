@@ -38,8 +38,8 @@ EQUAL_MM = 0.005
 force by 1 % of its range, one of 0.2 px depth by 0.01 mm."""
 Errors = Mapping[str, Mapping[int, float]]
 """Error by pattern and seed of a realisation, mm; infinite where it cannot be tracked."""
-Outcome = Literal["worse", "better", "equal", "undecided"]
-"""Outcome of a comparison, for the rival."""
+RivalOutcome = Literal["worse", "better", "equal", "undecided"]
+"""RivalOutcome of a comparison, for the rival."""
 Answer = Literal["met", "equal", "missed", "undecided"]
 """State of a claim."""
 
@@ -73,7 +73,7 @@ class Question:
     answers: Mapping[Answer, str]
     claimed: tuple[str, ...]
     rivals: Mapping[str, tuple[str, ...]]
-    outcomes: dict[str, Outcome] = field(default_factory=dict)
+    outcomes: dict[str, RivalOutcome] = field(default_factory=dict)
     differences: dict[str, UnitDifference] = field(default_factory=dict)
     margin: float = math.log1p(EQUAL_SHARE)
     looks: int = 0
@@ -98,7 +98,7 @@ class Question:
                 self.differences[label] = UnitDifference(difference, 0, n - 1, (n, n), True, True)
             self.outcomes[label] = self._outcome(self.differences[label])
 
-    def _outcome(self, difference: UnitDifference) -> Outcome:
+    def _outcome(self, difference: UnitDifference) -> RivalOutcome:
         worse, better = self._error_rates(self.looks)
         if difference.is_equal(self.margin, worse):
             return "equal"
@@ -140,9 +140,8 @@ class Question:
             worse, better = self._error_rates(self.looks + 1)
             parts = [self.differences[label] for label in self.undecided]
             needed = [d.units_needed(self.margin, worse if d.value > 0 else better) for d in parts]
-            numbers = [number for number in needed if number is not None]
-            most = max([*numbers, next_look(parts[0].counts[0])]) - realisations
-            extra = most if len(numbers) == len(needed) else None
+            numbers = [next_look(parts[0].counts[0]), *(n for n in needed if n is not None)]
+            extra = None if None in needed else max(numbers) - realisations
         answers = {
             state: text.format(
                 *(", ".join(label for label, o in self.outcomes.items() if o == outcome)
@@ -197,15 +196,15 @@ def paper_questions(entries: Sequence[SeriesEntry]) -> list[Question]:
         if len(part) < math.prod(map(len, grid)):
             continue
         best = next(e for e in part if (e.recipe.patch_mm, e.recipe.r) == (d_mm, r))
-        where = f"of round {number} of the paper"
+        scope = f"of round {number} of the paper"
         questions.append(
             Question(
-                f"the paper's {best.label} is the best {where}",
+                f"the paper's {best.label} is the best {scope}",
                 {
-                    "met": f"The paper's {best.label} is the best {where}.",
-                    "equal": f"The paper's {best.label} is among the best {where}, equal within "
+                    "met": f"The paper's {best.label} is the best {scope}.",
+                    "equal": f"The paper's {best.label} is among the best {scope}, equal within "
                     f"{EQUAL_SHARE:.0%} to {{1}}.",
-                    "missed": f"{{0}} tracked better than the paper's {best.label} {where}.",
+                    "missed": f"{{0}} tracked better than the paper's {best.label} {scope}.",
                 },
                 (best.name,),
                 {e.label: (e.name,) for e in part if e != best},

@@ -165,7 +165,7 @@ def run(request: StudyRequest) -> StudyResult:
         },
         notes=(
             "Printer and camera models have assumed, not measured, parameters: print the best few "
-            "on one sheet and run `study run pattern-selection` on your bench before you commit.",
+            "on one sheet and compare runs of your bench (`analyze compare`) before you commit.",
             *dict.fromkeys(f"not tracked on the gel: {line}" for line in losses),
         ),
         left_out=SEARCH_LEFT_OUT,

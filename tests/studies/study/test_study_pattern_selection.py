@@ -199,7 +199,7 @@ def test_undecided_question_has_a_price() -> None:
     assert sum(decided) > len(decided) / 2
 
 
-def test_equal_and_far_apart_has_no_number() -> None:
+def test_no_number_decides_wide_spread() -> None:
     question, rng = Question("it is", {}, ("a",), {"b": ("b",)}), np.random.default_rng(1)
     x, y = rng.normal(0, 9, (2, 4))
     y += 0.2 - np.mean(y - x)  # more than the margin, and far less than the spread
@@ -225,8 +225,7 @@ def test_untracked_pattern_is_worse() -> None:
     questions, _ = answered(figures)
     assert questions[0].outcomes["d 0.2 r 0.1"] == "worse"
     assert questions[0].state == "met"
-    json.dumps(questions[0].claim(0.0, 3).as_dict(), allow_nan=False)
-    json.dumps(questions[0].rows, allow_nan=False)
+    json.dumps([questions[0].claim(0.0, 3).as_dict(), questions[0].rows], allow_nan=False)
     figures["d0p1-r0p5"][1] = math.inf
     assert answered(figures)[0][0].state == "missed"
 
