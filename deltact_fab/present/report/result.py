@@ -200,7 +200,8 @@ class Claim:
         """Sentence of the claim in its state; final: no job is missing."""
         if final and self.state != "undecided":
             return self.answers[self.state]
-        price = decision_price(self.extra, self.noun, self.unit_cpu_s)
+        gain = "would decide" if self.readings else "would tell the spread"
+        price = decision_price(self.extra, self.noun, self.unit_cpu_s, gain)
         return f"Undecided whether {self.subject}: {price if final else MISSING_PRICE}."
 
     def as_dict(self, final: bool = True) -> dict[str, Any]:

@@ -133,8 +133,8 @@ class Question:
             return set()
         return {*self.claimed, *(name for label in self.undecided for name in self.rivals[label])}
 
-    def claim(self, pattern_cpu_s: float, realisations: int) -> Claim:
-        """Claim with its price. pattern_cpu_s: CPU time of a realisation of a pattern."""
+    def claim(self, unit_cpu_s: float, realisations: int) -> Claim:
+        """Claim with its price. unit_cpu_s: CPU time of a realisation of `patterns`."""
         extra: int | None = FIRST_LOOK - realisations
         if self.differences and self.state == "undecided":
             worse, better = self._error_rates(self.looks + 1)
@@ -150,10 +150,7 @@ class Question:
             for state, text in self.answers.items()
         }  # fmt: skip
         readings = {label: _finite(d.interval()) for label, d in self.differences.items()}
-        return Claim(
-            self.subject, answers, self.state, readings, extra, "realisation",
-            pattern_cpu_s * len(self.patterns),
-        )  # fmt: skip
+        return Claim(self.subject, answers, self.state, readings, extra, "realisation", unit_cpu_s)
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -196,15 +193,15 @@ def paper_questions(entries: Sequence[SeriesEntry]) -> list[Question]:
         if len(part) < math.prod(map(len, grid)):
             continue
         best = next(e for e in part if (e.recipe.patch_mm, e.recipe.r) == (d_mm, r))
-        scope = f"of round {number} of the paper"
+        scope = f"of round {number}"
         questions.append(
             Question(
-                f"the paper's {best.label} is the best {scope}",
+                f"{best.label} is the best {scope}",
                 {
-                    "met": f"The paper's {best.label} is the best {scope}.",
-                    "equal": f"The paper's {best.label} is among the best {scope}, equal within "
+                    "met": f"{best.label} is the best {scope}, as in the paper.",
+                    "equal": f"{best.label} is among the best {scope}, equal within "
                     f"{EQUAL_SHARE:.0%} to {{1}}.",
-                    "missed": f"{{0}} tracked better than the paper's {best.label} {scope}.",
+                    "missed": f"Better than the paper's {best.label} {scope}: {{0}}.",
                 },
                 (best.name,),
                 {e.label: (e.name,) for e in part if e != best},

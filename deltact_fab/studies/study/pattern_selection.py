@@ -9,14 +9,14 @@ time is used up; the same command then goes on from the stored jobs.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from deltact_fab.bench import Protocol, RunEstimate, load_protocol
 from deltact_fab.common import InputError, Note, did_you_mean
 from deltact_fab.estimate import FlowTracker
 from deltact_fab.fabricate import SeriesEntry, list_series
-from deltact_fab.present import StudyResult
+from deltact_fab.present import Claim, StudyResult
 from deltact_fab.sensor import parse_indenter
 
 from .grid import GridJob
@@ -72,8 +72,8 @@ def run(request: StudyRequest) -> StudyResult:
         simulated=True,
         seed=request.seed,
         scale=None,
-        answer=(f"Simulated: at most {covers}; {trial.cpu_s / 60:.0f} CPU min.",),
-        claims=tuple(q.claim(trial.pattern_cpu_s, trial.realisations) for q in trial.questions),
+        answer=(f"{trial.realisations} realisations, {trial.cpu_s / 60:.0f} CPU min.",),
+        claims=trial.claims,
         headlines=error_headlines(entries, trial.errors),
         tables=error_tables(entries, trial.errors, trial.questions),
         figures=(error_chart(entries, trial.errors, covers),),
@@ -122,18 +122,30 @@ class SelectionTrial:
             names = [name for name in names if name in needed]
 
     @property
-    def pattern_cpu_s(self) -> float:
-        """Measured CPU time of a realisation of one pattern."""
-        return self.cpu_s / max(1, sum(map(len, self.errors.values())))
+    def claims(self) -> tuple[Claim, ...]:
+        """Claims with their prices, at the pace so far."""
+        return tuple(
+            question.claim(
+                self._pace * sum(job.cost for job in self._jobs_of(question.patterns)),
+                self.realisations,
+            )
+            for question in self.questions
+        )
+
+    def _jobs_of(self, names: Collection[str]) -> list[GridJob]:
+        return self.selection.jobs((self.request.seed,), names) if names else []
+
+    @property
+    def _pace(self) -> float:
+        """CPU time of the jobs so far over their declared costs."""
+        return self.cpu_s / self._declared_s if self._declared_s else 1.0
 
     def _add_realisations(self, names: Sequence[str], seeds: tuple[int, ...]) -> bool:
         """Track a group of realisations; False if CPU time or a job is missing."""
         jobs = self.selection.jobs(seeds, names)
-        # Declared costs are scaled by what the jobs so far took.
-        pace = self.cpu_s / self._declared_s if self._declared_s else 1.0
         left_s, affordable = self.budget_s - self.spent_s, []
         for job in jobs:
-            price_s = 0.0 if job.is_stored else pace * job.cost
+            price_s = 0.0 if job.is_stored else self._pace * job.cost
             if price_s <= left_s:
                 affordable.append(job)
                 left_s -= price_s
@@ -190,7 +202,7 @@ class Selection:
         """Presses in words."""
         return press_words(self.protocol, self.scene)
 
-    def jobs(self, seeds: tuple[int, ...], names: Sequence[str]) -> list[GridJob]:
+    def jobs(self, seeds: tuple[int, ...], names: Collection[str]) -> list[GridJob]:
         """Jobs of some realisations, one per press."""
         recipes = {entry.name: entry.recipe for entry in self.entries if entry.name in names}
         presses = self.scene.presses(self.name)

@@ -170,15 +170,15 @@ def test_planted_best_is_found(
     assert tracked < len(NAMES) * 6  # most patterns are dropped early
     claims = [question.claim(60.0, 40) for question in questions]
     assert all("{" not in claim.sentence() for claim in claims)
-    assert all("Undecided" in claim.sentence(final=False) for claim in claims)
+    assert all("jobs are missing" in claim.sentence(final=False) for claim in claims)
+    new = [question.claim(60.0, 1).sentence() for question in paper_questions(ENTRIES)]
+    assert all("2 realisations more, 2 CPU min, would tell the spread" in said for said in new)
 
 
 def test_equal_patterns_are_named() -> None:
     question = answered(drawn(THEIRS | {(0.15, 0.3): 0.11}, 1, spread=0.02))[0][0]
     says = question.claim(0.0, 3).sentence()
-    assert says.endswith(
-        "among the best of round 1 of the paper, equal within 10% to d 0.15 r 0.3."
-    )
+    assert says.endswith("among the best of round 1, equal within 10% to d 0.15 r 0.3.")
 
 
 def test_undecided_question_has_a_price() -> None:
@@ -191,7 +191,7 @@ def test_undecided_question_has_a_price() -> None:
         claim = question.claim(60.0, 3)
         if claim.state == "undecided":
             assert claim.extra is not None
-            says = f"{claim.extra} realisations more, {claim.extra * len(question.patterns):.2g} "
+            says = f"{claim.extra} realisations more, {claim.extra:.2g} CPU min, would decide"
             assert says in claim.sentence()
             later = answered(figures, most=2 * (3 + claim.extra))[0][0]
             decided.append(later.state != "undecided")
@@ -238,8 +238,10 @@ def test_part_of_a_round_answers_nothing() -> None:
 
 
 def test_press_without_figure_has_no_error() -> None:
-    results = [{"figures": {4: {"x": {"e": 0.1}, "y": {"e": 0.1}}}},
-               {"figures": {4: {"x": {"e": 0.3}, "y": {"e": None}}}}]  # fmt: skip
+    results: list[dict[str, Any]] = [
+        {"figures": {4: {"x": {"e": 0.1}, "y": {"e": 0.1}}}},
+        {"figures": {4: {"x": {"e": 0.3}, "y": {"e": None}}}},
+    ]
     assert [*press_means(results, "e")] == [("x", 4, pytest.approx(0.2)), ("y", 4, math.inf)]
 
 
@@ -269,5 +271,7 @@ def test_cpu_time_stays_within_budget(monkeypatch: pytest.MonkeyPatch) -> None:
         assert trial.realisations == realisations
         # Only the first realisation is at its declared cost.
         assert trial.spent_s <= max(share, 2.0) * whole_s
-        claims = [q.claim(trial.pattern_cpu_s, trial.realisations) for q in trial.questions]
-        assert all(claim.state == "undecided" and claim.extra for claim in claims)
+        assert all(one.state == "undecided" and one.extra for one in trial.claims)
+        assert trial.claims[0].unit_cpu_s == pytest.approx(
+            2 * sum(job.cost for job in selection.jobs((0,), trial.questions[0].patterns))
+        )
