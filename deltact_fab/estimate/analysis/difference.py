@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ class UnitDifference:
     relative: on the scale of natural logarithms. standard_error, freedom: of the value, and its
     degrees of freedom. counts: units of each side. paired: the same units on both sides.
     """
+
+    LIMIT: ClassVar = MAX_UNITS
 
     value: float
     standard_error: float

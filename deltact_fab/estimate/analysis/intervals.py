@@ -50,8 +50,8 @@ class Interval(NamedTuple):
     low: float | None
     high: float | None
     over: str
-    groups: int
-    noun: str
+    groups: int = 0
+    noun: str = "group"
 
     def format(self, unit: str) -> str:
         """Format as "0.08 N [0.06 to 0.12]"."""

@@ -75,10 +75,12 @@ def decision_price(
 ) -> str:
     """Price of a decision: further units, were the truth as measured, with their CPU time.
 
-    extra: None if no number of units would decide. noun: of one unit, singular. gain: by them.
+    extra: None if UnitDifference.LIMIT units would not decide. noun: of one unit, singular. gain: by them.
     """
     if extra is None:
-        return f"no number of {noun}s would decide"
+        from deltact_fab.estimate import UnitDifference
+
+        return f"{UnitDifference.LIMIT} {noun}s would not decide"
     cost = f", {unit_cpu_s * extra / 60:.2g} CPU min," if unit_cpu_s else ""
     return f"{extra} {noun}{'s' * (extra > 1)} more{cost} {gain}"
 
@@ -185,7 +187,7 @@ class Claim:
 
     subject: of an undecided one, after "whether". answers: sentence by the other states. readings:
     interval ends by name of the differences that the claim tests, above 0 if it holds; None:
-    unknown. extra: further units that would decide, None if no number would.
+    unknown. extra: further units that would decide, as of `decision_price`.
     """
 
     subject: str

@@ -30,8 +30,8 @@ from .search_candidates import (
     MIN_COVERED_SHARE,
     MIN_PATCH_DOTS,
     MIN_PATCH_PX,
-    OUR_FLOW,
     PAPER_PATTERN,
+    SEARCH_TRACKER,
     ProbeJob,
     candidates,
     confirmation_table,
@@ -93,7 +93,7 @@ def run(request: StudyRequest) -> StudyResult:
             replace(scene, seed=0).job(
                 f"{press}, held out {k}", SEARCH_PROTOCOL, press, track_press, TrackingJob,
                 cost_s(frames(protocol, scene), len(chosen) * len(group)),
-                patterns={name: among[name] for name in chosen}, seeds=group, method=OUR_FLOW,
+                patterns={name: among[name] for name in chosen}, seeds=group, method=SEARCH_TRACKER,
             )
             for press in scene.presses(SEARCH_PROTOCOL)
         ]

@@ -52,7 +52,6 @@ MIN_COVERED_SHARE = 0.9
 """Decision 0040: confident share of the moving pixels required of a finalist."""
 MIN_BRIDGED_MM = 0.39
 """By hand: twice the protocols' step between frames, for faster presses (decision 0040)."""
-OUR_FLOW = "fused"  # definition: the default tracker
 CONFIRMED_COLUMNS = ("mean_error_mm", "low_mm", "high_mm", "coverage")
 """Columns of a confirmed pattern."""
 UM_PER_MM = 1000.0  # exact
@@ -237,7 +236,7 @@ DRAG_WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """By hand: wavelength and amplitude of superposed waves, mm: slopes of 0.06 to 0.09."""
 MAX_SEARCH_PX = 200_000
 """By hand: pixels rendered, of the middle of the view; fewer are noisier, more are slower."""
-SEARCH_TRACKER = "fused"
+SEARCH_TRACKER = "fused"  # definition: the default tracker
 MAX_ERROR_RATIO = 2.0
 """By hand: error over that of short steps, above which a step is not bridged."""
 

@@ -105,7 +105,7 @@ def test_undecided_goal_tells_its_price() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"value": 0.2, "low": 0.15, "high": 0.2667}, "no number of positions would decide"),
+        ({"value": 0.2, "low": 0.15, "high": 0.2667}, "1000 positions would not decide"),
         ({"value": -0.1, "low": -0.3, "high": 0.3}, "7 positions more"),
         ({"value": 0.19, "groups": 2, "low": None, "high": None},
          "2 positions more would give an interval"),
