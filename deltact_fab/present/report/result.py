@@ -75,7 +75,8 @@ def decision_price(
 ) -> str:
     """Price of a decision: further units, were the truth as measured, with their CPU time.
 
-    extra: None if UnitDifference.LIMIT units would not decide. noun: of one unit, singular. gain: by them.
+    extra: None if UnitDifference.LIMIT units would not decide. noun: of one unit, singular. gain:
+    by them.
     """
     if extra is None:
         from deltact_fab.estimate import UnitDifference
