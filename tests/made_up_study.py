@@ -72,8 +72,6 @@ def study(missing: int = 0) -> StudyResult:
         tables=(
             ReportTable("wide", "Twelve columns", table),
             ReportTable("points", "Every point", long.assign(nothing=np.nan)),
-            ReportTable("part", "Two of them", table, ("indenter", "solved"),
-                        {"solved": "was solved"}),
         ),
         figures=(
             ReportFigure("bars", "Bars of three tools.", bars),

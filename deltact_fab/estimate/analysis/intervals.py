@@ -36,6 +36,7 @@ INTERVAL_SCALES: dict[
         lambda v: math.atanh(v) if abs(v) < 1 else math.copysign(math.inf, v), math.tanh, -1.0, 1.0,
     ),
 }  # fmt: skip
+INTERVAL_LEVEL = 0.95  # definition: of every interval of a figure
 MIN_GROUPS = 4
 """Decision 0038: no interval below; the spread of fewer groups is too uncertain."""
 
@@ -72,19 +73,17 @@ class Interval(NamedTuple):
         return cls.jackknife(values, groups, lambda rows: float(np.mean(rows)), noun, scale)
 
     @classmethod
-    def ratio(
-        cls, above: ArrayLike, below: ArrayLike, groups: Groups, noun: str, level: float = 0.95
-    ) -> Self:
+    def ratio(cls, above: ArrayLike, below: ArrayLike, groups: Groups, noun: str) -> Self:
         """Ratio of the means of two paired samples (n,), with interval."""
         rows = np.column_stack((above, below))
         return cls.jackknife(
-            rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive", level
+            rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive"
         )
 
     @classmethod
     def jackknife(
         cls, values: ArrayLike, groups: Groups, statistic: Statistic, noun: str,
-        scale: Scale = "plain", level: float = 0.95,
+        scale: Scale = "plain",
     ) -> Self:  # fmt: skip
         """Statistic of values with its jackknife interval over groups.
 
@@ -122,11 +121,11 @@ class Interval(NamedTuple):
         if math.isinf(full):  # an RMSE of 0, a correlation of 1: in every group
             return cls(value, value, value, over, count, noun)
         if np.isinf(without).any():  # one group decides: no interval on the transformed scale
-            _, low, high, *_ = cls.jackknife(rows, names, statistic, noun, level=level)
+            _, low, high, *_ = cls.jackknife(rows, names, statistic, noun)
             low, high = max(low or 0.0, lowest), min(high or 0.0, highest)
             return cls(value, low, high, over, count, noun)
         from scipy.special import stdtrit
 
         spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
-        reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
+        reach = float(stdtrit(count - 1, (1 + INTERVAL_LEVEL) / 2)) * spread
         return cls(value, inverse(full - reach), inverse(full + reach), over, count, noun)

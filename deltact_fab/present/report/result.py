@@ -45,15 +45,12 @@ class ReportFigure:
 class ReportTable:
     """Table of the page and CSV file of its name; columns have units in their names.
 
-    columns: those of the page, None for all; the CSV has all. words: headings on the page in place
-    of column names. The page omits columns without values.
+    The page omits columns without values.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
-    columns: tuple[str, ...] | None = None
-    words: dict[str, str] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, Any]]:

@@ -36,11 +36,8 @@ def test_interval_has_nominal_coverage(count, figure, truth):
 
 def test_single_samples_give_student_interval():
     sample = np.random.default_rng(2).normal(3, 2, 9)
-    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed")
+    _, low, high, *_ = Interval.jackknife(sample, np.arange(9), np.mean, "seed")
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
-    assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
-    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed", level=0.8)
-    own = stats.ttest_1samp(sample, 0).confidence_interval(0.8)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
 
 

@@ -67,7 +67,7 @@ def test_verdict_is_first_settings_last(page: str) -> None:
 
 def test_page_is_offline_and_links_files(page: str, folder: Path) -> None:
     seen, beside = offline(page)
-    assert beside == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
+    assert beside == {"headlines.csv", "wide.csv", "points.csv", "recipe.toml"}
     assert all((folder / link).is_file() for link in beside)
     assert len(seen.ids) > 20
 
