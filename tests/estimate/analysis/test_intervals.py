@@ -57,7 +57,7 @@ def test_several_columns_and_unequal_groups():
      ([1, 2, 3], "3 positions: no interval below four")],
 )  # fmt: skip
 def test_few_groups_have_no_interval(groups, over):
-    assert Interval.mean([1.0, 2.0, 3.0], groups, "position") == (2.0, None, None, over)
+    assert Interval.mean([1.0, 2.0, 3.0], groups, "position")[:4] == (2.0, None, None, over)
 
 
 @pytest.mark.parametrize(
