@@ -32,7 +32,7 @@ PAPER_BEST = ((0.1, 0.5), (0.075, 0.6))
 TOO_SMALL_MM, SMALL_D_MM = 0.05, 0.075  # paper: too small to print, and the second round's best
 QUESTION_ERROR_RATE = 0.05  # by hand: one wrong answer to a question in twenty
 FIRST_LOOK = 3  # by hand: fewer realisations hardly tell their spread
-EQUAL_SHARE = 0.1  # by hand: the issue's margin, 10 % of the error
+EQUAL_SHARE = 0.1  # by hand: of the error; less changes no choice of a pattern
 EQUAL_MM = 0.005
 """Measured, docs/evidence/force.md, "Wrong on purpose": a flow error of 0.14 px (0.005 mm) moves
 force by 1 % of its range, one of 0.2 px depth by 0.01 mm."""
