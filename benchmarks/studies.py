@@ -129,7 +129,10 @@ def _goal(headline: dict[str, Any]) -> str:
         return ""
     bound = "<=" if headline["better"] == "low" else ">="
     said = f"{bound} {_number(headline['goal'], headline['unit'])}"
-    return said if headline["state"] == "met" else f"{said}: **{headline['state']}**"
+    if headline["state"] == "met":
+        return said
+    price = headline.get("price")
+    return f"{said}: **{headline['state']}**" + (f"; {price}" if price else "")
 
 
 def _interval(headline: dict[str, Any]) -> str:

@@ -23,6 +23,7 @@ from unittest import mock
 
 import numpy as np
 
+from deltact_fab.bench import expand_protocol
 from deltact_fab.common import cache
 from deltact_fab.common.jobs.cluster import open_executor
 from deltact_fab.studies.study import force_calibration, pattern_selection, press_jobs, shapes
@@ -86,7 +87,8 @@ def bounds() -> None:
 def measured(job: press_jobs.TrackingJob) -> dict[str, Any]:
     """A press followed in a process of its own: CPU seconds, and the most memory, MB."""
     began = time.process_time()
-    frames = press_jobs.track_press(job)["frames"]
+    press_jobs.track_press(job)
+    frames = sum(step.frames for step in expand_protocol(job.protocol))
     peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {"frames": frames, "cpu_s": time.process_time() - began, "mb": peak_kb / 1024}
 
@@ -101,7 +103,7 @@ def alone(job: GridJob) -> dict[str, Any]:
 
 def scene(depth_mm: float) -> Selection:
     """One press without a drag, its gel solved."""
-    small = Selection.from_request(StudyRequest(scale=0.001, options={"indenter": ["ellipsoid"]}))
+    small = Selection.from_request(StudyRequest(options={"indenter": ["ellipsoid"]}))
     lone = {"depths_mm": (depth_mm,), "shear": None}
     protocols = {small.name: small.protocol.model_copy(update=lone)}
     found = replace(small, scene=replace(small.scene, protocols=protocols))
@@ -111,10 +113,8 @@ def scene(depth_mm: float) -> Selection:
 
 def job(of: Selection, count: int, name: str = "", seed: int = 0) -> GridJob:
     """Its press under so many patterns; jobs of another seed are other ones to the store."""
-    every = [job.arguments for job in of.jobs()]
-    patterns = dict(pair for one in every for pair in one.patterns.items())
-    few = dict(list(patterns.items())[:count])
-    return GridJob(name, press_jobs.track_press, replace(every[0], seed=seed, patterns=few))
+    (whole,) = of.jobs((seed,), [entry.name for entry in of.entries[:count]])
+    return replace(whole, name=name)
 
 
 def timed() -> None:

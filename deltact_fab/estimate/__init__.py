@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     # isort: off
     # fmt: off
     from .analysis.comparison import Comparison
+    from .analysis.difference import UnitDifference
     from .analysis.flows import open_follower
     from .analysis.force.calibrate import (
         calibrate as calibrate_force, fit_best_model, transfer_calibration, validate_partly,
@@ -21,18 +22,18 @@ if TYPE_CHECKING:
     from .analysis.force.dataset import gather_points, measure_force_points
     from .analysis.force.judge import fit_model
     from .analysis.force.result import ForceResult, write_force_calibration
-    from .analysis.intervals import Interval
+    from .analysis.intervals import MIN_GROUPS, Interval
     from .analysis.measured import DeepestPress, RunMeasurement, find_calibrations, measure_run
     from .analysis.relaxation import ForceRest, StraightPress, RelaxationFit
-    from .analysis.runs import read_frames, write_results
+    from .analysis.runs import write_results
     from .analysis.shape.ball import calibrate_depth
     from .analysis.shape.press import PressShape, ShapeMaps, measure_press
     from .analysis.shape.run import ShapeResult, analyse_shape
     from .analysis.tracking_error.follow import (
-        Follower, TrackingPlan, analyse_press, analyse_tracking,
+        Follower, TrackingPlan, analyse_tracking,
     )
     from .analysis.tracking_error.result import TrackingResult
-    from .analysis.tracking_error.tally import ErrorTally, PatternDots, TrueFrame
+    from .analysis.tracking_error.tally import PatternDots, TrueFrame
     from .measure.face import FaceFlow
     from .measure.flow.renewed import FlowMethod
     from .measure.flow.tracker import FlowTracker

@@ -11,6 +11,11 @@ def test_pages_match_stored_results() -> None:
     assert text == studies.with_block(text, studies.kept())
 
 
+def test_no_study_is_undecided_without_price() -> None:
+    heads = [head for study in studies.kept() for head in study["headlines"]]
+    assert all(head["price"] for head in heads if head["state"] == "undecided")
+
+
 def test_every_study_has_stored_results() -> None:
     from deltact_fab.studies.study.registry import STUDIES
 

@@ -14,15 +14,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltact_fab.common import InputError
 
-DIFFERENCE_LEVEL = 0.95  # definition: of the interval of a difference
-EQUIVALENCE_LEVEL = 0.9  # definition: of the interval of two one-sided tests at 5 %
+DECISION_ERROR_RATE = 0.05
+"""Definition: of a decision. A difference has a 95 % interval; of two one-sided tests each is at
+5 %, which is a 90 % interval. Repeated decisions share it."""
 DECISION_CHANCE = 0.8  # by hand: the usual power of a planned comparison
 RATIO_QUANTILES = 64  # by hand: a chance is then exact to 0.001
 MAX_UNITS = 1000  # by hand: nobody makes more sensors to compare two kinds
@@ -37,6 +38,8 @@ class UnitDifference:
     relative: on the scale of natural logarithms. standard_error, freedom: of the value, and its
     degrees of freedom. counts: units of each side. paired: the same units on both sides.
     """
+
+    LIMIT: ClassVar = MAX_UNITS
 
     value: float
     standard_error: float
@@ -82,7 +85,7 @@ class UnitDifference:
         n, m = self.counts
         return self.standard_error * math.sqrt(n if self.paired else 1 / (1 / n + 1 / m))
 
-    def interval(self, level: float = DIFFERENCE_LEVEL) -> tuple[float, float]:
+    def interval(self, level: float = 1 - DECISION_ERROR_RATE) -> tuple[float, float]:
         """Interval of the difference by Student's t."""
         from scipy.special import stdtrit
 
@@ -96,12 +99,12 @@ class UnitDifference:
             return "b smaller" if low > 0 else "a smaller"
         return "equal" if self.is_equal(margin) else "undecided"
 
-    def is_equal(self, margin: float) -> bool:
+    def is_equal(self, margin: float, error_rate: float = DECISION_ERROR_RATE) -> bool:
         """True if the two one-sided tests find the sides equal within +- margin."""
-        low, high = self.interval(EQUIVALENCE_LEVEL)
+        low, high = self.interval(1 - 2 * error_rate)
         return bool(-margin < low and high < margin)
 
-    def units_needed(self, margin: float) -> int | None:
+    def units_needed(self, margin: float, error_rate: float = DECISION_ERROR_RATE) -> int | None:
         """Units a side that decide with DECISION_CHANCE, were this difference the true one.
 
         The fewer of those that find it, and of those that find the sides equal; None above
@@ -110,8 +113,12 @@ class UnitDifference:
 
         def enough(n: int) -> bool:
             chances = (
-                chance_of_difference(self.value, self.spread, n, paired=self.paired),
-                chance_of_equality(self.value, self.spread, n, margin, paired=self.paired),
+                chance_of_difference(
+                    self.value, self.spread, n, paired=self.paired, error_rate=error_rate
+                ),
+                chance_of_equality(
+                    self.value, self.spread, n, margin, paired=self.paired, error_rate=error_rate
+                ),
             )
             return max(chances) >= DECISION_CHANCE
 
@@ -124,7 +131,14 @@ class UnitDifference:
         return high
 
 
-def chance_of_difference(effect: float, spread: float, units: int, *, paired: bool) -> float:
+def chance_of_difference(
+    effect: float,
+    spread: float,
+    units: int,
+    *,
+    paired: bool,
+    error_rate: float = DECISION_ERROR_RATE,
+) -> float:
     """Power of the t test for a true difference. units: a side; spread: between units."""
     if units < 2:
         return 0.0
@@ -132,13 +146,19 @@ def chance_of_difference(effect: float, spread: float, units: int, *, paired: bo
         return float(effect != 0)
     from scipy.special import nctdtr
 
-    freedom, error, critical = _design(spread, units, paired, DIFFERENCE_LEVEL)
+    freedom, error, critical = _design(spread, units, paired, 1 - error_rate)
     below, above = (nctdtr(freedom, abs(effect) / error, end) for end in (-critical, critical))
     return float(np.mean(1 - np.nan_to_num(above) + np.nan_to_num(below)))  # nan: far in a tail
 
 
 def chance_of_equality(
-    effect: float, spread: float, units: int, margin: float, *, paired: bool
+    effect: float,
+    spread: float,
+    units: int,
+    margin: float,
+    *,
+    paired: bool,
+    error_rate: float = DECISION_ERROR_RATE,
 ) -> float:
     """Power of the two one-sided tests, for a true difference; Phillips 1990, as a lower bound."""
     if units < 2 or abs(effect) >= margin:
@@ -147,7 +167,7 @@ def chance_of_equality(
         return 1.0
     from scipy.special import nctdtr
 
-    freedom, error, critical = _design(spread, units, paired, EQUIVALENCE_LEVEL)
+    freedom, error, critical = _design(spread, units, paired, 1 - 2 * error_rate)
     above = nctdtr(freedom, (effect - margin) / error, -critical)
     below = nctdtr(freedom, (effect + margin) / error, critical)
     return float(np.mean(np.maximum(np.nan_to_num(above) - np.nan_to_num(below), 0.0)))

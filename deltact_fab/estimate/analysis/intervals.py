@@ -36,17 +36,23 @@ INTERVAL_SCALES: dict[
         lambda v: math.atanh(v) if abs(v) < 1 else math.copysign(math.inf, v), math.tanh, -1.0, 1.0,
     ),
 }  # fmt: skip
+INTERVAL_LEVEL = 0.95  # definition: of every interval of a figure
 MIN_GROUPS = 4
 """Decision 0038: no interval below; the spread of fewer groups is too uncertain."""
 
 
 class Interval(NamedTuple):
-    """A figure, its interval (None, None below MIN_GROUPS), and its groups in words."""
+    """A figure, its interval (None, None below MIN_GROUPS), and its groups in words.
+
+    groups: their number. noun: of one, singular.
+    """
 
     value: float
     low: float | None
     high: float | None
     over: str
+    groups: int = 0
+    noun: str = "group"
 
     def format(self, unit: str) -> str:
         """Format as "0.08 N [0.06 to 0.12]"."""
@@ -67,19 +73,17 @@ class Interval(NamedTuple):
         return cls.jackknife(values, groups, lambda rows: float(np.mean(rows)), noun, scale)
 
     @classmethod
-    def ratio(
-        cls, above: ArrayLike, below: ArrayLike, groups: Groups, noun: str, level: float = 0.95
-    ) -> Self:
+    def ratio(cls, above: ArrayLike, below: ArrayLike, groups: Groups, noun: str) -> Self:
         """Ratio of the means of two paired samples (n,), with interval."""
         rows = np.column_stack((above, below))
         return cls.jackknife(
-            rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive", level
+            rows, groups, lambda r: float(r[:, 0].mean() / r[:, 1].mean()), noun, "positive"
         )
 
     @classmethod
     def jackknife(
         cls, values: ArrayLike, groups: Groups, statistic: Statistic, noun: str,
-        scale: Scale = "plain", level: float = 0.95,
+        scale: Scale = "plain",
     ) -> Self:  # fmt: skip
         """Statistic of values with its jackknife interval over groups.
 
@@ -112,15 +116,16 @@ class Interval(NamedTuple):
         plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
         over = f"{count} {plural}" if count > 1 else f"one {noun}"
         if count < MIN_GROUPS:
-            return cls(value, None, None, f"{over}: no interval below four")
+            return cls(value, None, None, f"{over}: no interval below four", count, noun)
         full, without = scaled(rows), np.array([scaled(rows[codes != g]) for g in range(count)])
         if math.isinf(full):  # an RMSE of 0, a correlation of 1: in every group
-            return cls(value, value, value, over)
+            return cls(value, value, value, over, count, noun)
         if np.isinf(without).any():  # one group decides: no interval on the transformed scale
-            _, low, high, _ = cls.jackknife(rows, names, statistic, noun, level=level)
-            return cls(value, max(low or 0.0, lowest), min(high or 0.0, highest), over)
+            _, low, high, *_ = cls.jackknife(rows, names, statistic, noun)
+            low, high = max(low or 0.0, lowest), min(high or 0.0, highest)
+            return cls(value, low, high, over, count, noun)
         from scipy.special import stdtrit
 
         spread = math.sqrt((count - 1) / count * float(np.sum((without - without.mean()) ** 2)))
-        reach = float(stdtrit(count - 1, (1 + level) / 2)) * spread
-        return cls(value, inverse(full - reach), inverse(full + reach), over)
+        reach = float(stdtrit(count - 1, (1 + INTERVAL_LEVEL) / 2)) * spread
+        return cls(value, inverse(full - reach), inverse(full + reach), over, count, noun)

@@ -45,15 +45,12 @@ class ReportFigure:
 class ReportTable:
     """Table of the page and CSV file of its name; columns have units in their names.
 
-    columns: those of the page, None for all; the CSV has all. words: headings on the page in place
-    of column names. The page omits columns without values.
+    The page omits columns without values.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
-    columns: tuple[str, ...] | None = None
-    words: dict[str, str] = field(default_factory=dict)
 
     @property
     def records(self) -> list[dict[str, Any]]:
@@ -63,7 +60,27 @@ class ReportTable:
         return [{str(name): value for name, value in row.items()} for row in rows]
 
 
-GoalState = Literal["met", "missed", "undecided"]
+GoalState = Literal["met", "equal", "missed", "undecided"]
+"""Equal: of a claim, no difference beyond the margin."""
+
+
+MISSING_PRICE = "jobs are missing: run the same command"
+
+
+def decision_price(
+    extra: int | None, noun: str, unit_cpu_s: float, gain: str = "would decide"
+) -> str:
+    """Price of a decision: further units, were the truth as measured, with their CPU time.
+
+    extra: None if UnitDifference.LIMIT units would not decide. noun: of one unit, singular. gain:
+    by them.
+    """
+    if extra is None:
+        from deltact_fab.estimate import UnitDifference
+
+        return f"{UnitDifference.LIMIT} {noun}s would not decide"
+    cost = f", {unit_cpu_s * extra / 60:.2g} CPU min," if unit_cpu_s else ""
+    return f"{extra} {noun}{'s' * (extra > 1)} more{cost} {gain}"
 
 
 @dataclass(frozen=True)
@@ -73,7 +90,7 @@ class Headline:
     over: groups of the interval ("5 seeds", "9 positions"), or the reason for none (low, high
     None). goal: upper limit of the value, lower with better = "high". remark: reason for differing
     from the paper or missing the goal, or a dependence. told: part of the verdict. whole: no job is
-    missing.
+    missing. groups, noun: of the interval; unit_cpu_s: CPU time of one.
     """
 
     what: str
@@ -88,6 +105,9 @@ class Headline:
     remark: str = ""
     told: bool = False
     whole: bool = True
+    groups: int = 0
+    noun: str = "repeat"
+    unit_cpu_s: float = 0.0
 
     @classmethod
     def from_interval(
@@ -95,6 +115,7 @@ class Headline:
     ) -> Self:
         """Figure with its interval. factor: to `unit`, from the interval's own."""
         low, high = (None if end is None else factor * end for end in (interval.low, interval.high))
+        fields |= {"groups": interval.groups, "noun": interval.noun}
         return cls(label, factor * interval.value, unit, low, high, interval.over, **fields)
 
     @property
@@ -112,55 +133,84 @@ class Headline:
         return "met" if low >= 0 else "missed" if high < 0 else "undecided"
 
     @property
+    def price(self) -> str:
+        """Price of deciding an undecided goal; empty for others."""
+        if self.state != "undecided":
+            return ""
+        if not self.whole:
+            return MISSING_PRICE
+        if self.low is None or self.high is None:
+            from deltact_fab.estimate import MIN_GROUPS
+
+            extra = max(MIN_GROUPS - self.groups, 1)
+            return decision_price(extra, self.noun, self.unit_cpu_s, "would give an interval")
+        return decision_price(self._extra_groups(self.low, self.high), self.noun, self.unit_cpu_s)
+
+    def _extra_groups(self, low: float, high: float) -> int | None:
+        """Further groups that would decide, by the interval, of logarithms if all are positive."""
+        from scipy.special import stdtrit
+
+        from deltact_fab.estimate import UnitDifference
+
+        assert self.goal is not None
+        ends = [self.value, self.goal, low, high]
+        if positive := min(ends) > 0:
+            ends = [math.log(end) for end in ends]
+        value, goal, low, high = ends
+        n = max(self.groups, 2)
+        error = (high - low) / 2 / float(stdtrit(n - 1, 0.975))
+        difference = UnitDifference(value - goal, error, n - 1, (n, n), True, positive)
+        needed = difference.units_needed(0.0)
+        return None if needed is None else max(needed - self.groups, 1)
+
+    @property
     def sentence(self) -> str:
         """Sentence with the value, goal and the paper's value."""
         text = f"{self.what[:1].upper()}{self.what[1:]}: {self.value:.3g} {self.unit}".rstrip()
         if self.low is not None and self.high is not None:
             text += f" [{self.low:.3g} to {self.high:.3g}]"
         if self.goal is not None:
-            text += f", goal {self.goal:.3g}: {self.state}"
+            text += f", goal {self.goal:.3g}: {self.state}{self.price and f' ({self.price})'}"
         return text + (f"; the paper {self.paper:g}." if self.paper is not None else ".")
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data; a non-finite value becomes None."""
         value = self.value if math.isfinite(self.value) else None
-        return {**asdict(self), "value": value, "state": self.state}
+        return {**asdict(self), "value": value, "state": self.state, "price": self.price}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, decided only if no job is missing and every reading's interval excludes 0.
+    """A claim, its state, and what would decide an undecided one.
 
-    text, otherwise: sentence if all intervals are above, below 0. undecided: sentence for neither.
-    readings: interval ends by name of the differences that the claim tests, above 0 if it holds;
-    None: unknown.
+    subject: of an undecided one, after "whether". answers: sentence by the other states. readings:
+    interval ends by name of the differences that the claim tests, above 0 if it holds; None:
+    unknown. extra: further units that would decide, as of `decision_price`.
     """
 
-    text: str
-    otherwise: str
-    undecided: str
+    subject: str
+    answers: Mapping[GoalState, str]
+    state: GoalState
     readings: Mapping[str, tuple[float | None, float | None]]
-
-    def state(self, final: bool = True) -> GoalState:
-        """met: shown; missed: the contrary is shown."""
-        ends = self.readings.values()
-        if final and ends and all(low is not None and low > 0 for low, _ in ends):
-            return "met"
-        if final and ends and all(high is not None and high < 0 for _, high in ends):
-            return "missed"
-        return "undecided"
+    extra: int | None = None
+    noun: str = "unit"
+    unit_cpu_s: float = 0.0
 
     def sentence(self, final: bool = True) -> str:
-        """Sentence of the claim in its state."""
-        words = {"met": self.text, "missed": self.otherwise, "undecided": self.undecided}
-        return words[self.state(final)]
+        """Sentence of the claim in its state; final: no job is missing."""
+        if final and self.state != "undecided":
+            return self.answers[self.state]
+        gain = "would decide" if self.readings else "would tell the spread"
+        price = decision_price(self.extra, self.noun, self.unit_cpu_s, gain)
+        return f"Undecided whether {self.subject}: {price if final else MISSING_PRICE}."
 
     def as_dict(self, final: bool = True) -> dict[str, Any]:
         """Return plain data."""
         readings = [
             {"name": name, "low": low, "high": high} for name, (low, high) in self.readings.items()
         ]
-        return {"says": self.sentence(final), "state": self.state(final), "readings": readings}
+        state = self.state if final else "undecided"
+        return {"says": self.sentence(final), "state": state, "readings": readings}
 
 
 @dataclass(frozen=True)
@@ -202,7 +252,7 @@ class StudyResult:
             Check(
                 f"claim.{k}",
                 value=claim.sentence(final),
-                status=graded(True, claim.state(final) == "undecided"),
+                status=graded(True, not final or claim.state == "undecided"),
             )
             for k, claim in enumerate(self.claims)
         ]

@@ -145,13 +145,12 @@ def table_context(table: ReportTable) -> dict[str, Any]:
     """Template context of a table.
 
     title, details: of the caption. hidden: number of rows not shown.
-    Raises KeyError for a missing column.
     """
-    frame = table.frame if table.columns is None else table.frame[list(table.columns)]
+    frame = table.frame
     title, _, details = table.caption.partition(". ")
     page_rows = frame if len(frame) <= MAX_ROWS else frame.iloc[:FIRST_ROWS]
     return {
-        **html_table(page_rows, table.words),
+        **html_table(page_rows),
         "hidden": len(frame) - len(page_rows),
         "name": table.name,
         "title": title.removesuffix("."),
@@ -239,6 +238,7 @@ def _headline_row(head: Headline) -> dict[str, Any]:
     if head.goal is not None:
         bound = "at least" if head.better == "high" else "at most"
         goal = f"{bound} {format_number(head.goal)}{unit}: {head.state}"
+        goal += head.price and f", {head.price}"
     return {
         "figure": head.what,
         "value": f"{format_number(head.value)}{unit}",

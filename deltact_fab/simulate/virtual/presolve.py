@@ -101,8 +101,8 @@ def solve_presses(
         if source.failure:
             row.failure = f"as {source.press}, its mirror image: {source.failure}"
         else:
-            values = vars(_press_row(presses.planned_press(path)))
-            vars(row).update(values, like=source.press, seconds=0.0)
+            mirror = vars(_press_row(presses.planned_press(path)))
+            vars(row).update(mirror, like=source.press, seconds=0.0)
         finish_row(row)
     return rows
 

@@ -34,12 +34,9 @@ NORMAL_GOAL_N, SHEAR_GOAL_SHARE = 0.2, 0.02
 """Decision 0038: RMSE of the normal force, and of shear over its range, on unseen points."""
 COMPONENT_WORDS = {"normal": "normal force", "shear_x": "shear along x", "shear_y": "shear along y"}
 LAB_NOTE = (
-    "Errors in a lab will be larger: the error above assumes that the gel's thickness and "
-    "Poisson's ratio are exactly known and that the flow is unbiased. With an assumed flow error: "
-    "0.13 N at scattered positions; with a gel 1 mm off, 0.32 N (docs/evidence/force.md). On two "
-    "gels of a different solver, without images, ten presses calibrate normal force to 0.05 N of 7 "
-    "N with the gel fitted to them, to 0.05 and 0.11 N with the design's "
-    "(docs/evidence/strangers.md). All simulated."
+    "Errors in a lab will be larger: these assume that the gel's thickness and Poisson's ratio are "
+    "exact and the flow unbiased; with a gel 1 mm off, 0.32 N (docs/evidence/force.md, "
+    "docs/evidence/strangers.md). All simulated."
 )
 
 PlaceMm = tuple[float, float]
@@ -188,7 +185,6 @@ def order_places(places: Sequence[PlaceMm]) -> list[int]:
 
 def build_result(result: ForceResult, scale: float | None = None, **scene: Any) -> StudyResult:
     """Build the result of the points. scene: further fields (settings, notes, left_out ...)."""
-    places = result.errors_by_distance()
     simulated = result.calibration.head.made.simulated
     notes = [*([LAB_NOTE] if simulated else []), *result.findings]
     return StudyResult(
@@ -198,7 +194,7 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
         seed=result.seed,
         scale=scale,
         answer=(f"Use the model {result.best.name}; {result.curve.clause}.",),
-        headlines=(*_best_heads(result), *_paper_heads(result, _alone_remark(places))),
+        headlines=(*_best_heads(result), *_paper_heads(result)),
         tables=(
             ReportTable(
                 "force-models",
@@ -207,13 +203,6 @@ def build_result(result: ForceResult, scale: float | None = None, **scene: Any) 
                 "are the paper's table, of a real sensor; it does not state whether its R2 is "
                 "about the mean or about 0.",
                 pd.DataFrame(result.rows()),
-            ),
-            ReportTable(
-                "force-by-place",
-                "The paper's model by distance from the axis. RMSE of the normal force, N, under "
-                "readings of its density and with a constant or without: fitted to the points of "
-                "that distance alone, or to all and tested there, on unseen points.",
-                places,
             ),
         ),
         figures=(plot_predicted_force(result),),
@@ -253,25 +242,14 @@ def _best_heads(result: ForceResult) -> list[Headline]:
     return heads
 
 
-def _paper_heads(result: ForceResult, alone: str) -> list[Headline]:
+def _paper_heads(result: ForceResult) -> list[Headline]:
     """Headlines of the paper's model on the paper's split, with the printed values."""
     return [
         Headline.from_interval(
             f"the paper's model, {COMPONENT_WORDS[name]}, {result.SPLITS['point']}: RMSE", "N",
-            interval, paper=printed_n, remark=alone if name == "normal" else "",
-            told=name == "normal",
+            interval, paper=printed_n, told=name == "normal",
+            remark="the paper gives no positions",
         )
         for name, (_, printed_n) in result.PAPER_TABLE.items()
         if (interval := result.error_interval(result.paper, name, "point")) is not None
     ]  # fmt: skip
-
-
-def _alone_remark(places: pd.DataFrame) -> str:
-    """Remark: the paper's model fitted to the nearest and the farthest distance alone."""
-    rows = places[(places["model"] == "paper, clipped") & (places["constant"] == "without")]
-    rows = rows.dropna(subset="alone_n").sort_values("distance_mm")
-    words = [f"{row['alone_n']:.2f} N at {row['distance_mm']:.1f} mm" for _, row in rows.iterrows()]
-    if not words:
-        return "the paper gives no positions"
-    ends = " to ".join(dict.fromkeys((words[0], words[-1])))
-    return f"fitted to one distance from the axis alone, {ends}; the paper gives no positions"

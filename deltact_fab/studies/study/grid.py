@@ -105,6 +105,11 @@ class GridJob:
         arguments = hashlib.sha256(text.encode()).hexdigest()
         return cache_key(module or top, package=folder, work=work, arguments=arguments)
 
+    @property
+    def is_stored(self) -> bool:
+        """True if the store has its result."""
+        return STUDY_STORE.read(self.key()) is not None
+
 
 def job_arguments(value: Any) -> dict[str, Any]:
     """Return a dataclass or lab-file model as plain data. Raises TypeError for others."""
@@ -119,12 +124,19 @@ def job_arguments(value: Any) -> dict[str, Any]:
 class Grid:
     """Results of jobs by name, in order.
 
-    missing: reason per job without a result. n_cached: results found in the store.
+    missing: reason per job without a result. n_cached: results found in the store. new_cpu_s: CPU
+    time of the others.
     """
 
     results: dict[str, Value]
     missing: dict[str, str]
     n_cached: int
+    new_cpu_s: float = 0.0
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time of all results, that of earlier calls included."""
+        return float(sum(value["cpu_s"] for value in self.results.values()))
 
     def __getitem__(self, name: str) -> Value:
         """Return a required result. Raises RunFailed if it is missing."""
@@ -154,7 +166,7 @@ def solve(
     keys = {job.name: job.key() for job in jobs}
     stored = {name: STUDY_STORE.read(key) for name, key in keys.items()}
     results = {name: value for name, value in stored.items() if value is not None}
-    n_cached = len(results)
+    n_cached, new = len(results), {job.name for job in jobs} - results.keys()
     missing: dict[str, str] = {}
     errors: list[Exception] = []
     refused: list[str] = []
@@ -200,8 +212,13 @@ def solve(
         raise errors[0]
     # Delete the least recently used, never those of this grid, which are the newest.
     STUDY_STORE.trim(MAX_STORE_BYTES, keys.values())
-    return Grid({j.name: results[j.name] for j in jobs if j.name in results}, missing, n_cached)
+    new_cpu_s = float(sum(results[name]["cpu_s"] for name in new if name in results))
+    ended = {j.name: results[j.name] for j in jobs if j.name in results}
+    return Grid(ended, missing, n_cached, new_cpu_s)
 
 
 def _run_job(job: GridJob) -> Value:
-    return job.work(job.arguments)
+    """Run a job; its result tells the CPU time, `cpu_s`."""
+    began_s = time.process_time()
+    value = job.work(job.arguments)
+    return {**value, "cpu_s": time.process_time() - began_s}

@@ -10,6 +10,8 @@ import math
 from dataclasses import asdict, replace
 from functools import partial
 
+import numpy as np
+
 from deltact_fab.bench import VirtualConfig, load_protocol
 from deltact_fab.common import MM_PER_INCH, InputError, Note, RunFailed, toml_text, validate
 from deltact_fab.fabricate import DEFAULT_SEED, PatternRecipe, load_recipe
@@ -17,11 +19,11 @@ from deltact_fab.present import ReportFigure, ReportTable, StudyResult
 from deltact_fab.sensor import Printer, SensorDimensions
 
 from .grid import GridJob, seed_of
-from .pattern_errors import OUR_FLOW, PatternErrors
-from .pattern_selection import covered_part, frames_per_indenter
-from .press_jobs import TrackingJob, cost_s, track_press
+from .pattern_questions import press_means
+from .pattern_selection import frames, press_words
+from .press_jobs import TrackingJob, cost_s, seed_groups, track_press
 from .registry import StudyRequest, load_virtual_rig, parse_scale
-from .scene import STUDY_RIG, PressScene
+from .scene import STUDY_RIG, PressScene, describe_bench
 from .search_candidates import (
     MAX_PATCH_PX,
     MIN_BRIDGED_MM,
@@ -29,6 +31,7 @@ from .search_candidates import (
     MIN_PATCH_DOTS,
     MIN_PATCH_PX,
     PAPER_PATTERN,
+    SEARCH_TRACKER,
     ProbeJob,
     candidates,
     confirmation_table,
@@ -84,25 +87,33 @@ def run(request: StudyRequest) -> StudyResult:
     chosen = list(dict.fromkeys([*best, PAPER_PATTERN, *([shipped] if shipped in among else [])]))
     scene.solve_gels(request)
     seeds = [seed_of(request.seed, f"held-out seed {k}") for k in range(max(2, round(5 * scale)))]
+    groups = seed_groups(seeds, len(chosen))
     jobs = [
         [
-            replace(scene, seed=seed).job(
+            replace(scene, seed=0).job(
                 f"{press}, held out {k}", SEARCH_PROTOCOL, press, track_press, TrackingJob,
-                cost_s(frames_per_indenter(protocol), len(chosen)), methods=(OUR_FLOW,),
-                patterns={name: _with_seed(among[name], seed) for name in chosen},
+                cost_s(frames(protocol, scene), len(chosen) * len(group)),
+                patterns={name: among[name] for name in chosen}, seeds=group, method=SEARCH_TRACKER,
             )
             for press in scene.presses(SEARCH_PROTOCOL)
         ]
-        for k, seed in enumerate(seeds, start=1)
+        for k, group in enumerate(groups, start=1)
     ]  # fmt: skip
     done_jobs = request.solve([job for group in jobs for job in group]).results
-    errors = PatternErrors((), [  # of completed seeds
-        replace(cell, indenter=f"held out {k}")
-        for k, group in enumerate(jobs, start=1) if all(job.name in done_jobs for job in group)
-        for job in group
-        for cell in done_jobs[job.name]["cells"]
-    ])  # fmt: skip
-    gel_table = confirmation_table(errors, chosen)
+    errors: dict[str, dict[int, float]] = {name: {} for name in chosen}
+    coverage: dict[str, list[float]] = {name: [] for name in chosen}
+    losses: list[str] = []
+    for group in jobs:
+        if any(job.name not in done_jobs for job in group):
+            continue
+        parts = [done_jobs[job.name] for job in group]
+        losses += [line for part in parts for line in part["refused"]]
+        for name, seed, error_mm in press_means(parts, "mean_off_dots_mm"):
+            errors[name][seed] = error_mm
+        for name, _, share in press_means(parts, "coverage"):
+            coverage[name].append(share)
+    means = {name: float(np.mean(shares)) for name, shares in coverage.items() if shares}
+    gel_table = confirmation_table(errors, means)
     winner = next((name for name in gel_table["pattern"] if name in best), None)
     if winner is None:
         raise RunFailed("pattern-search: no finalist was tracked on the gel")
@@ -147,17 +158,15 @@ def run(request: StudyRequest) -> StudyResult:
             f"{MIN_PATCH_PX:g} to {MAX_PATCH_PX:g} camera pixels per patch (the paper's always)",
             "to be a finalist": f"tracker confident on {100 * MIN_COVERED_SHARE:.0f} % of "
             f"the moving pixels and bridges steps of {MIN_BRIDGED_MM:.1f} mm; one per law and size",
-            "confirmed on": f"{covered_part(full, protocol).words}, finite-strain gel of the "
-            f"rig {rig!r}",
+            "confirmed on": f"{press_words(protocol, scene)}, finite-strain gel of the rig {rig!r}",
             "friction": f"{protocol.specimen.friction:g}",
             "seeds": f"{len(searches)} of the search, {len(seeds)} held out: pattern, print and "
             "noise are redrawn with each",
         },
         notes=(
             "Printer and camera models have assumed, not measured, parameters: print the best few "
-            "on one sheet and run `study run pattern-selection` on your bench before you commit.",
-            *dict.fromkeys(f"{cell.pattern} was not tracked on the gel: {reason}"
-                           for cell in errors.cells for reason in cell.left_out),
+            "on one sheet and compare runs of your bench (`analyze compare`) before you commit.",
+            *dict.fromkeys(f"not tracked on the gel: {line}" for line in losses),
         ),
         left_out=SEARCH_LEFT_OUT,
         files={"best-pattern.toml": toml_text(
@@ -194,15 +203,3 @@ def open_bench(
     simulator = config.virtual.model_copy(update={"lens": None, "printer": printer})
     config = config.model_copy(update={"virtual": simulator, "camera": None})
     return config, replace(sensor, optics=optics)
-
-
-def describe_bench(config: VirtualConfig, sensor: SensorDimensions) -> dict[str, str]:
-    """Printer and camera in words."""
-    p, s = config.virtual.printer, config.virtual.camera
-    return {
-        "printer": f"{p.dpi} dpi, {p.levels} levels per ink, spread {p.spread_um:g} µm, inks "
-        f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
-        "camera": f"{sensor.optics.mm_per_px:g} mm per pixel, blur {s.blur_px:g} px, full well "
-        f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
-        f"shading {s.shading:g}, Bayer mosaic",
-    }

@@ -2,26 +2,23 @@
 
 Each press runs on the virtual rig and its record is analysed like any other; the images are
 deleted, the results kept. Calibrations are passed as file texts, so that a job is self-contained.
-The pattern selection tracks a press under several patterns, simulated or recorded.
+Pattern studies track a press under several patterns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from deltact_fab.bench import Protocol, RigSetup, VirtualConfig, open_run
-from deltact_fab.common import Field, SensorError
+from deltact_fab.common import SensorError
 from deltact_fab.estimate import (
     Follower,
     TrackingPlan,
-    analyse_press,
     calibrate_depth,
     measure_force_points,
     measure_press,
@@ -30,12 +27,10 @@ from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import SensorDimensions
 from deltact_fab.simulate import VirtualKind, run_presses
 
-from .pattern_errors import PressErrors
 from .stream import PressStream
 
 if TYPE_CHECKING:
     from deltact_fab.bench import Run
-    from deltact_fab.estimate import ErrorTally
     from deltact_fab.simulate import VirtualRig
 
 
@@ -75,22 +70,15 @@ class ShapeJob(PressJob):
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingJob(PressJob):
-    """Arguments of `track_press`. patterns: recipes by name."""
+    """Arguments of `track_press`.
+
+    patterns: recipes by name, of any seed. seeds: of realisations of pattern, print and noise.
+    method: of the tracker.
+    """
 
     patterns: dict[str, PatternRecipe]
-    methods: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class RecordedTrackingJob:
-    """Arguments of `track_recorded`. content: digest of the data read."""
-
-    folder: str
-    press: str
-    indenter: str
-    pattern: str
-    methods: tuple[str, ...]
-    content: str
+    seeds: tuple[int, ...]
+    method: str
 
 
 @contextmanager
@@ -154,10 +142,12 @@ def shape_job(job: ShapeJob) -> dict[str, Any]:
         return {"shape": measure_press(run.folder, job.press, depth, force), **gel}
 
 
-# By hand: CPU seconds on one core, for the announced time only; too small promises too much.
-GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.2, 0.45, 1.2
-FRAME_KEYS = ("mean_at_dots_mm", "mean_off_dots_mm", "lost_share")
-"""Columns of a job's table of frames."""
+# By hand: CPU seconds on one core; too small promises too much. Geometry is that of deep presses.
+GEOMETRY_COST_S, PATTERN_COST_S, PRINT_COST_S = 0.6, 0.1, 0.6
+MAX_FOLLOWED = 17
+"""By hand: each pattern takes some 95 MB; fewer share the geometry, most of a deep frame's cost."""
+TRACKED_FIGURES = ("mean_at_dots_mm", "mean_off_dots_mm", "coverage")
+"""Figures of `ErrorTally` that a press under a pattern is stored with."""
 
 
 def cost_s(frames: int, patterns: int) -> float:
@@ -165,75 +155,46 @@ def cost_s(frames: int, patterns: int) -> float:
     return frames * (GEOMETRY_COST_S + patterns * PATTERN_COST_S) + patterns * PRINT_COST_S
 
 
-def track_press(job: TrackingJob) -> dict[str, Any]:
-    """Track every frame of a press under every pattern; geometry and truth are computed once.
+def seed_groups(seeds: Sequence[int], patterns: int) -> list[tuple[int, ...]]:
+    """Groups of seeds for jobs of so many patterns."""
+    size = max(1, MAX_FOLLOWED // patterns)
+    return [tuple(seeds[k : k + size]) for k in range(0, len(seeds), size)]
 
-    Returns `cells` (`PressErrors` per pattern), `frames`, and `gel` (its flags). Raises SolverError
-    if the gel cannot be solved or rendered.
+
+def track_press(job: TrackingJob) -> dict[str, Any]:
+    """Track every frame of a press under every pattern and seed; geometry is computed once.
+
+    Returns `figures`, TRACKED_FIGURES by seed and pattern; `refused`, lines on those that cannot be
+    tracked; and the `flags` of the gel. Truth is computed only for patterns without dots. Raises
+    SolverError if the gel cannot be solved or rendered.
     """
     import cv2
 
     cv2.setNumThreads(1)  # one job per core
     stream = PressStream(job.protocol, job.press, job.sensor, job.rig, Path(job.rig_file))
-    printed, followers = {}, {}
-    for name, recipe in job.patterns.items():
-        marks = stream.marks(recipe)
-        printed[name] = stream.picture(recipe, job.seed), stream.noise(job.seed)
-        plan = TrackingPlan(job.methods, bool(len(marks.dots_mm)), ())
-        followers[name] = Follower(plan, marks)
-    rows: dict[str, dict[str, list[dict[str, Any]]]] = {
-        name: {method: [] for method in job.methods} for name in printed
-    }
-    failures: dict[str, list[str]] = {}
-    for frame in stream.frames():
-        for name, (picture, noise) in printed.items():
-            if name in failures:
+    printed, refused = {}, {}
+    for seed in job.seeds:
+        for name, recipe in job.patterns.items():
+            seeded = recipe.model_copy(update={"seed": seed})
+            marks = stream.marks(seeded)
+            plan = TrackingPlan((job.method,), bool(len(marks.dots_mm)), ())
+            picture = stream.picture(seeded, seed)
+            printed[seed, name] = picture, stream.noise(seed), Follower(plan, marks)
+    has_truth = any(follower.dots is None for _, _, follower in printed.values())
+    for frame in stream.frames(has_truth=has_truth):
+        for key, (picture, noise, follower) in printed.items():
+            if key in refused:
                 continue
             image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
             try:
-                estimates = followers[name].track(image, frame.true)
+                follower.track(image, frame.true)
             except SensorError as error:  # the camera sees only grey
-                failures[name] = [str(error)]
-                continue
-            for method, figures in estimates.items():
-                rows[name][method].append(figures)
-    tips_mm = np.array([look.tip_mm for look in stream.moments])
-    cells = [
-        press_errors(
-            job.press, stream.path.indenter, tips_mm, stream.path.at_mm, name, follower.tallies,
-            rows[name], follower.dots.tally.figures() if follower.dots else None,
-            failures.get(name, follower.left_out),
-        )
-        for name, follower in followers.items()
-    ]  # fmt: skip
-    return {"cells": cells, "frames": len(stream.moments), "gel": {"flags": stream.solver.flags}}
-
-
-def press_errors(
-    press: str, indenter: str, tips_mm: Field, at_mm: Sequence[float], pattern: str,
-    tallies: Mapping[str, ErrorTally], rows: Mapping[str, Sequence[Mapping[str, Any]]],
-    dots: dict[str, Any] | None, left_out: Sequence[str],
-) -> PressErrors:  # fmt: skip
-    """Errors of a press under a pattern, for storage: FRAME_KEYS of frames, no times.
-
-    tips_mm: (n + 1, 3), at all frames, the first the reference. at_mm: place of the press.
-    """
-    x, y, z = tips_mm[1:].T
-    path = np.column_stack((np.maximum(-z, 0.0), np.hypot(x - at_mm[0], y - at_mm[1])))
-    sums = {method: replace(tally, ms=[]) for method, tally in tallies.items()}
-    figures = {m: [[row.get(key) for key in FRAME_KEYS] for row in rows[m]] for m in tallies}
-    arrays = {m: np.array(part, float).reshape(-1, len(FRAME_KEYS)) for m, part in figures.items()}
-    return PressErrors(pattern, press, indenter, sums, arrays, path, dots, tuple(left_out))
-
-
-def track_recorded(job: RecordedTrackingJob) -> dict[str, Any]:
-    """Track one press of a run; returns `cells` like `track_press`."""
-    run = open_run(job.folder)
-    tracked = analyse_press(job.folder, job.press, TrackingPlan.for_run(run, job.methods))
-    rows = {m: [row for row in tracked.rows if row["method"] == m] for m in job.methods}
-    tips_mm = run.frames(job.press)[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
-    cell = press_errors(
-        job.press, job.indenter, tips_mm, tips_mm[0, :2].tolist(), job.pattern, tracked.tallies,
-        rows, tracked.dots.figures(), tracked.left_out,
-    )  # fmt: skip
-    return {"cells": [cell]}
+                refused[key] = str(error)
+    figures: dict[int, dict[str, dict[str, float | None]]] = {seed: {} for seed in job.seeds}
+    for (seed, name), (_, _, follower) in printed.items():
+        tallied = follower.tallies[job.method].figures()
+        figures[seed][name] = {key: tallied[key] for key in TRACKED_FIGURES}
+        if follower.left_out:
+            refused.setdefault((seed, name), follower.left_out[0])
+    lines = [f"{name}, seed {seed}, {job.press}: {why}" for (seed, name), why in refused.items()]
+    return {"figures": figures, "refused": lines, "flags": stream.solver.flags}

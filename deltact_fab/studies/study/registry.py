@@ -50,18 +50,20 @@ STUDIES = {
     "pattern-selection": Study(
         "pattern_selection",
         "The paper's 17 patterns under 5 indenters.",
-        "Tracks with the paper's tracker and ours, at the dots and off them. --scale 1 is the "
-        "paper's 3600 frames per indenter and pattern, a day on two cores. A smaller scale films "
-        "fewer positions and shorter drags, with the same step between frames. The gel is solved "
-        "once and stored. With --from, each run is one tactile base.",
-        scale=0.04,
+        "Tracks with the published tracker and compares errors at the dots over realisations of "
+        "pattern, print and noise, until each question is decided or the CPU time is used up; the "
+        "same command goes on from there. The gel is solved once and stored. Sides of recorded "
+        "runs: `analyze compare`.",
+        takes=("seed", "rig", "grid"),
         options={
-            "--protocol": {"help": "Protocol to press: a name or a path.",
-                           "default": "pattern-selection"},
+            "--protocol": {"help": "Press the whole of this protocol, a name or a path.",
+                           "show_default": "pattern-selection at one position, short drags"},
             "--pattern": {"help": "Only this pattern of the series, as d0p1-r0p5; repeatable.",
                           "multiple": True},
             "--indenter": {"help": "Only this indenter of the protocol; repeatable.",
                            "multiple": True},
+            "--cpu-minutes": {"help": "CPU time of new jobs at most, without the gel.",
+                              "default": 120.0},
         },
     ),
     "shapes": Study(
@@ -112,7 +114,12 @@ def run_study(name: str, request: StudyRequest) -> StudyResult:
     module = f"studies.study.{find_study(name).module}"
     result: StudyResult = importlib.import_module(f"deltact_fab.{module}").run(request)
     missing = tuple(job for grid in request.grids for job in grid.missing)
-    heads = tuple(replace(head, whole=not missing) for head in result.headlines)
+    # The last grid repeats what the intervals are over.
+    cpu_s = request.grids[-1].cpu_s if request.grids else 0.0
+    heads = tuple(
+        replace(head, whole=not missing, unit_cpu_s=cpu_s / max(head.groups, 1))
+        for head in result.headlines
+    )
     return replace(result, missing=missing, headlines=heads, module=module)
 
 

@@ -170,3 +170,15 @@ def collect_left_out(gel_reports: Sequence[Mapping[str, Any]]) -> tuple[Note, ..
     """Notes on effects that the rig of any job does not model."""
     notes = {note for report in gel_reports for note in report["left_out"]}
     return tuple(sorted(notes, key=lambda note: note.labelled))
+
+
+def describe_bench(config: VirtualConfig, sensor: SensorDimensions) -> dict[str, str]:
+    """Printer and camera in words."""
+    p, s = config.virtual.printer, config.virtual.camera
+    return {
+        "printer": f"{p.dpi} dpi, {p.levels} levels per ink, spread {p.spread_um:g} µm, inks "
+        f"misplaced by {p.misregistration_um:g} µm (standard deviation)",
+        "camera": f"{sensor.optics.mm_per_px:g} mm per pixel, blur {s.blur_px:g} px, full well "
+        f"{s.full_well_electrons:g} electrons, read noise {s.read_noise_electrons:g}, "
+        f"shading {s.shading:g}, Bayer mosaic",
+    }

@@ -28,7 +28,7 @@ from deltact_fab.present import Headline, ReportFigure
 from deltact_fab.sensor import Pinhole, SeenFace, SensorDimensions, SurfaceLattice, axes_mm
 from deltact_fab.simulate import FrameRenderer, PictureGeometry
 
-from .pattern_errors import OUR_FLOW, PatternErrors
+from .pattern_questions import mean_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,35 +157,38 @@ def chosen_by_others(errors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(errors[rest.argmin(axis=0), np.arange(n)])
 
 
-def confirmation_table(errors: PatternErrors, names: Sequence[str]) -> pd.DataFrame:
-    """Table of patterns tracked with every seed by the default tracker, the best first."""
-    rows = []
-    for name in names:
-        by_seed = errors.by_indenter(name, OUR_FLOW, "off_dots")
-        if by_seed is not None:
-            value, low, high, _ = Interval.mean(by_seed, errors.indenters, "seed", "positive")
-            rows.append((name, value, low, high, errors.figures(name, OUR_FLOW)["coverage"]))
+def confirmation_table(
+    errors: Mapping[str, Mapping[int, float]], coverage: Mapping[str, float]
+) -> pd.DataFrame:
+    """Table of patterns tracked with every seed by the default tracker, the best first.
+
+    errors: mm by pattern and seed. coverage: mean by pattern.
+    """
+    rows = [
+        (name, *interval[:3], coverage[name])
+        for name in errors
+        if (interval := mean_interval(errors, name, "seed")) is not None
+    ]
     frame = pd.DataFrame(rows, columns=["pattern", *CONFIRMED_COLUMNS])
     return frame.sort_values("mean_error_mm", ignore_index=True)
 
 
-def headlines(errors: PatternErrors, best: Sequence[str], to_print: str) -> tuple[Headline, ...]:
+def headlines(
+    errors: Mapping[str, Mapping[int, float]], best: Sequence[str], to_print: str
+) -> tuple[Headline, ...]:
     """Headlines: error of the pattern to print, and its ratio to that of the paper's pattern."""
-
-    def by_seed(name: str) -> NDArray[np.float64] | None:
-        return errors.by_indenter(name, OUR_FLOW, "off_dots")
-
-    to_print_mm, seeds = by_seed(to_print), errors.indenters
-    assert to_print_mm is not None
+    tracked = {name: [*by_seed.values()] for name, by_seed in errors.items()
+               if np.isfinite([*by_seed.values()]).all()}  # fmt: skip
+    to_print_mm, seeds = tracked[to_print], list(errors[to_print])
     heads = [
         Headline.from_interval(
             "mean error of the pattern to print", "µm",
             Interval.mean(to_print_mm, seeds, "seed", "positive"), UM_PER_MM, told=True,
             remark="moving pixels, default tracker, no dots, finite-strain gel"),
     ]  # fmt: skip
-    if (paper := by_seed(PAPER_PATTERN)) is not None:
-        tracked = [e for name in best if (e := by_seed(name)) is not None]
-        share = Interval.ratio(chosen_by_others(np.array(tracked)), paper, seeds, "seed")
+    if (paper := tracked.get(PAPER_PATTERN)) is not None:
+        final = np.array([tracked[name] for name in best if name in tracked])
+        share = Interval.ratio(chosen_by_others(final), paper, seeds, "seed")
         heads.append(
             Headline.from_interval(
                 "its ratio to the error of the paper's pattern", "", share, goal=GOAL_SHARE,
@@ -233,7 +236,7 @@ DRAG_WAVES = ((1.5, 0.015), (2.5, 0.03), (4.0, 0.06))
 """By hand: wavelength and amplitude of superposed waves, mm: slopes of 0.06 to 0.09."""
 MAX_SEARCH_PX = 200_000
 """By hand: pixels rendered, of the middle of the view; fewer are noisier, more are slower."""
-SEARCH_TRACKER = "fused"
+SEARCH_TRACKER = "fused"  # definition: the default tracker
 MAX_ERROR_RATIO = 2.0
 """By hand: error over that of short steps, above which a step is not bridged."""
 

@@ -59,14 +59,9 @@ MEAN_COLUMNS = (
 """Columns of the table, if known."""
 SHAPES_NOTES = (
     "The paper shows these shapes without numbers to compare with, and without sizes, positions or "
-    "depths.",
-    "The paper's Gaussian density shows outlines, edges and steps: the pattern is compressed at "
-    "edges and hardly changes on a flat face. Off the axis, parallax shifts the pressed area, so "
-    "the density rises on one side and falls on the other. It is not a depth map.",
-)
-NO_TURN = (
-    "A three-axis stage cannot rotate: the twist is a ball sheared far from the centre, a torque "
-    "about the face's middle; a rotation about the ball's own axis would show as a vortex."
+    "depths. Its density shows outlines and edges, and off the axis a shift by parallax: it is not "
+    "a depth map.",
+    "A three-axis stage cannot rotate: the twist is a ball sheared far from the centre.",
 )
 
 
@@ -106,7 +101,7 @@ def run(request: StudyRequest) -> StudyResult:
         next((p for p in (twist and twist.twisted, *pictures) if p and p.tractions), None),
         f"simulated on {scene.rig_name}, seed {request.seed}",
         errors.get("normal", {}).get("rmse_left_out_position_n"),
-        (depth["line"], NO_TURN, modulus_remark(modulus_mpa)),
+        (depth["line"], modulus_remark(modulus_mpa)),
         simulated=True,
         seed=request.seed,
         scale=parse_scale(request.scale),
@@ -135,8 +130,7 @@ def load_scene(request: StudyRequest) -> PressScene:
 def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Settings of the presses in words."""
     box = scene.rig.stage
-    first, hat, ball, force, twist = (scene.protocols[name] for name in ALL_SETS)
-    places = ", ".join(f"({x:g}, {y:g})" for x, y in twist.places_mm)
+    first, hat, ball, force, _ = (scene.protocols[name] for name in ALL_SETS)
     return {
         "objects": "; ".join(f"{', '.join(p.tips)} to {_depths(p)} mm" for p in (first, hat)),
         "places": f"{'; '.join(f'({x:g}, {y:g})' for x, y in first.places_mm)} mm",
@@ -144,9 +138,6 @@ def settings(scene: PressScene, gel: Sequence[Mapping[str, Any]]) -> dict[str, s
         "force calibrated on": f"{', '.join(force.tips)}, {len(force.places_mm)} positions"
         f", {RunEstimate.from_protocol(force, 0, box).settled} settled points (of {FORCE_SMALL}); "
         f"model {FORCE_MODEL}",
-        "twist": f"{twist.tips[0]} at {places} mm, sheared around a grid",
-        "frames": f"the tip moves at most "
-        f"{RunEstimate.from_protocol(first, 0, box).between_frames_mm:.2g} mm per frame",
         **scene.settings(gel),
     }
 
@@ -219,13 +210,8 @@ def headlines(frames: pd.DataFrame, left_out_n: float | None = None) -> tuple[He
         heads += _force_heads(frames.dropna(subset=["found_normal_n", "normal_n"]), left_out_n)
     if "pressure_error" in frames:
         part = frames.dropna(subset=["pressure_error"])
-        share = (part["peak_kpa"] / part["true_peak_kpa"]).groupby(part["indenter"]).mean()
-        remark = (
-            f"cells of 1 mm smooth edges: the measured peak is {share.min():.2f} of the true one "
-            f"for {share.idxmin()}, {share.max():.2f} for {share.idxmax()}, so at hard edges the "
-            "error is underestimated"
-        )
         label = "pressure field, mean error over the contact, relative to its peak"
+        remark = "cells of 1 mm smooth edges: at hard edges the error is underestimated"
         heads += [_mean_head(label, "", part, "pressure_error", goal=PRESSURE_GOAL, remark=remark)]
     return tuple(heads)
 

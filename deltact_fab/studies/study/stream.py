@@ -54,7 +54,8 @@ class FaceFrame:
     """Face at one moment, independent of the pattern.
 
     at_px: (h + 2, w + 2, 2), face point of each pixel, for `FrameRenderer.expose`. displacement_mm:
-    (ny, nx, 3) on the lattice, None at rest. true: None for the first frame, the reference.
+    (ny, nx, 3) on the lattice, None at rest. true: None for the first frame, the reference, and if
+    not asked for.
     """
 
     number: int
@@ -107,16 +108,19 @@ class PressStream:
         """Moments of the protocol's frames."""
         return frame_moments(self.protocol, self.path, self.increments)
 
-    def frames(self, chosen: Iterable[FrameMoment] | None = None) -> Iterator[FaceFrame]:
+    def frames(
+        self, chosen: Iterable[FrameMoment] | None = None, *, has_truth: bool = True
+    ) -> Iterator[FaceFrame]:
         """Iterate over moments of the face. chosen: None for the protocol's.
 
-        Raises SolverError if a pixel sees no point of the surface.
+        has_truth: False saves the time of computing the true motion. Raises SolverError if a pixel
+        sees no point of the surface.
         """
         in_view = TrueFrame.imaged_pixels(self.view)
         zeros = np.zeros((*in_view.shape, 2))
         for number, moment in enumerate(self.moments if chosen is None else chosen):
             u_mm, true = self.displacement_mm(moment), None
-            if number:
+            if number and has_truth:
                 flow, in_plane = (zeros, zeros) if u_mm is None else self.face.motion(u_mm)
                 true = TrueFrame.from_flow(flow, in_plane, in_view, self.view.mm_per_px)
             yield FaceFrame(number, moment, self.geometry.material_px(u_mm), u_mm, true)

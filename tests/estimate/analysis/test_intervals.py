@@ -36,11 +36,8 @@ def test_interval_has_nominal_coverage(count, figure, truth):
 
 def test_single_samples_give_student_interval():
     sample = np.random.default_rng(2).normal(3, 2, 9)
-    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed")
+    _, low, high, *_ = Interval.jackknife(sample, np.arange(9), np.mean, "seed")
     own = stats.ttest_1samp(sample, 0).confidence_interval(0.95)
-    assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
-    _, low, high, _ = Interval.jackknife(sample, np.arange(9), np.mean, "seed", level=0.8)
-    own = stats.ttest_1samp(sample, 0).confidence_interval(0.8)
     assert (low, high) == pytest.approx((own.low, own.high), rel=1e-12)
 
 
@@ -60,7 +57,7 @@ def test_several_columns_and_unequal_groups():
      ([1, 2, 3], "3 positions: no interval below four")],
 )  # fmt: skip
 def test_few_groups_have_no_interval(groups, over):
-    assert Interval.mean([1.0, 2.0, 3.0], groups, "position") == (2.0, None, None, over)
+    assert Interval.mean([1.0, 2.0, 3.0], groups, "position")[:4] == (2.0, None, None, over)
 
 
 @pytest.mark.parametrize(

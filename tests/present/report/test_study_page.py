@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.stats
 from made_up_study import study
 from seen_page import offline
 
@@ -64,7 +67,7 @@ def test_verdict_is_first_settings_last(page: str) -> None:
 
 def test_page_is_offline_and_links_files(page: str, folder: Path) -> None:
     seen, beside = offline(page)
-    assert beside == {"headlines.csv", "wide.csv", "points.csv", "part.csv", "recipe.toml"}
+    assert beside == {"headlines.csv", "wide.csv", "points.csv", "recipe.toml"}
     assert all((folder / link).is_file() for link in beside)
     assert len(seen.ids) > 20
 
@@ -76,8 +79,47 @@ def test_headlines_have_value_interval_paper_goal(page: str) -> None:
         "mean error of the default tracker", "0.01235\u00a0mm", "0.011 to 0.014\u00a0mm, 5 seeds",
         "0.08\u00a0mm", "at most 0.03\u00a0mm: met", "",
     ]  # fmt: skip
-    assert rows[1][4:] == ["at most 0.2\u00a0N: undecided", "the edge of the gel is softer"]
-    assert rows[2][1:] == ["0.991", "one fit", "0.99", "at least 0.98: undecided", ""]
+    price = "10 positions more, 1.1 CPU min, would decide"
+    assert rows[1][4:] == [
+        f"at most 0.2\u00a0N: undecided, {price}",
+        "the edge of the gel is softer",
+    ]
+    price = "4 repeats more would give an interval"
+    assert rows[2][1:] == ["0.991", "one fit", "0.99", f"at least 0.98: undecided, {price}", ""]
+
+
+def test_undecided_goal_tells_its_price() -> None:
+    """By simulation: so many positions put the goal outside of the interval in 4 of 5 studies."""
+    head = study().headlines[1]
+    extra = int(head.price.split()[0])
+    rng, n, value = np.random.default_rng(1), 9 + extra, math.log(0.31)
+    spread = (math.log(0.4) - math.log(0.15)) / 2 / scipy.stats.t.ppf(0.975, 8) * 3
+    outside = 0
+    for _ in range(1000):
+        drawn = rng.normal(value, spread, n)
+        reach = scipy.stats.t.ppf(0.975, n - 1) * drawn.std(ddof=1) / math.sqrt(n)
+        outside += abs(drawn.mean() - math.log(0.2)) > reach
+    assert 750 < outside < 900
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"value": 0.2, "low": 0.15, "high": 0.2667}, "1000 positions would not decide"),
+        ({"value": -0.1, "low": -0.3, "high": 0.3}, "7 positions more"),
+        ({"value": 0.19, "groups": 2, "low": None, "high": None},
+         "2 positions more would give an interval"),
+        ({"value": math.nan, "groups": 0, "low": None, "high": None},
+         "4 positions more would give an interval"),
+        ({"whole": False}, "run the same command"),
+    ],
+)  # fmt: skip
+def test_no_goal_is_undecided_without_price(change: dict[str, Any], says: str) -> None:
+    head = replace(study().headlines[1], unit_cpu_s=0.0, **change)
+    assert head.state == "undecided"
+    assert says in head.price
+    assert says in head.sentence
+    assert says in head.as_dict()["price"]
 
 
 def test_only_goals_and_missing_jobs_warn(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -96,28 +95,6 @@ def test_few_places_leave_goals_open() -> None:
     few = build_result(made(places=3)).headlines[0]
     assert few.over == "3 positions: no interval below four"
     assert few.state == "undecided"
-
-
-def test_paper_model_has_four_readings() -> None:
-    """Of normal force that is linear in the signed sums, with another factor at each place."""
-    result = made()
-    data = result.data
-    x_mm, own = data.points["x_mm"].to_numpy(), data.features["paper-signed"]
-    wrench = data.wrench.copy()
-    wrench[:, 2] = -(1 + x_mm) * (own[:, 0] + own[:, 2]) + 3
-    table = replace(result, data=replace(data, wrench=wrench)).errors_by_distance()
-    assert len(table) == (2 * 2 + 1) * PLACES
-    assert set(table["points"]) == {len(BALLS) * POINTS}
-    reading = dict(list(table.groupby(["model", "constant"])))
-    right = reading["paper, signed", "with"]
-    assert (right["alone_n"] < 1e-9).all()
-    assert (right[["at_random_n", "by_press_n", "by_place_n"]] > 0.3).all(axis=None)
-    assert (reading["paper, clipped", "with"]["alone_n"] > 0.2).all()
-    assert (reading["paper, signed", "without"]["alone_n"] > 1e-3).all()
-    whole = build_result(made())
-    clipped = whole.tables[1].frame.query("model == 'paper, clipped' and constant == 'without'")
-    pooled = (clipped["at_random_n"] ** 2).mean() ** 0.5
-    assert pooled == pytest.approx(whole.headlines[3].value), "the paper's own reading"
 
 
 @pytest.mark.parametrize(

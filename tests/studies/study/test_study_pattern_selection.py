@@ -1,10 +1,11 @@
-"""The pattern selection end to end, on a press of a millimetre; killed and gone on with."""
+"""The pattern selection: its questions on drawn figures, its budget, and all of it on one press."""
 
 from __future__ import annotations
 
 import json
+import math
 import pickle
-import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,29 +13,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltact_fab.bench.record.run import open_run
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.fabricate.patterns.series import list_series
 from deltact_fab.present.report.result import StudyResult
 from deltact_fab.sensor.shapes.sensor import SkinDimensions
 from deltact_fab.studies.study import pattern_selection
-from deltact_fab.studies.study.pattern_errors import (
-    COMPOSED_FLOW,
-    SUMMED_FLOW,
-    PatternErrors,
-    PressErrors,
+from deltact_fab.studies.study.grid import Grid, GridJob
+from deltact_fab.studies.study.pattern_questions import (
+    FIRST_LOOK,
+    Question,
+    next_look,
+    paper_questions,
+    press_means,
 )
-from deltact_fab.studies.study.pattern_selection import Selection
-from deltact_fab.studies.study.pattern_tables import claims
+from deltact_fab.studies.study.pattern_selection import Selection, SelectionTrial
+from deltact_fab.studies.study.press_jobs import seed_groups
 from deltact_fab.studies.study.registry import StudyRequest
 
 TWO = ("d0p1-r0p5", "d0p2-r0p1")
+ENTRIES = list_series()
+NAMES = [entry.name for entry in ENTRIES]
 
 
 def asked(mini: tuple[Path, Path], **more: Any) -> StudyRequest:
-    chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": ()} | more
-    return StudyRequest(scale=1.0, seed=3, rig=str(mini[1]), options=chosen)
+    chosen = {"protocol": str(mini[0]), "pattern": TWO, "indenter": (), "cpu_minutes": 60.0} | more
+    return StudyRequest(seed=3, rig=str(mini[1]), options=chosen)
 
 
 @pytest.fixture(scope="module")
@@ -45,50 +48,23 @@ def small(mini: tuple[Path, Path]) -> StudyResult:
 
 @pytest.mark.slow
 def test_small_study_has_errors_and_paper(small: StudyResult) -> None:
-    assert small.simulated
-    assert not small.missing
     rows = {row["pattern"]: row for row in small.data["tables"]["patterns"]}
     assert set(rows) == {"d 0.1 r 0.5", "d 0.2 r 0.1"}
     assert (rows["d 0.1 r 0.5"]["paper"], rows["d 0.1 r 0.5"]["round"]) == ("0.11", "1 and 2")
     for row in rows.values():
-        limits_mm = {"summed": 0.2, "composed": 0.1, "published": 0.2, "ours": 0.02}
-        for name, most_mm in limits_mm.items():
-            assert 0 < row[f"{name}_mm"] < most_mm
-            assert 0 < row[f"{name}_off_mm"] < most_mm
-            assert row[f"{name}_moving_mm"] >= row[f"{name}_mm"]
-            assert 0 <= row[f"{name}_lost_frames"] <= 1
-            assert 0 <= row[f"{name}_lost_pixels"] < 0.5
-            assert 0.5 < row[f"{name}_coverage"] <= 1
+        assert 0 < row["error_mm"] < 0.2
+        assert row["realisations"] == FIRST_LOOK
+    assert small.claims == ()  # two patterns are not a round
     json.dumps(small.data, allow_nan=False)
-    patterns, indenters, path = small.tables
-    assert patterns.columns is not None
-    assert set(patterns.columns) <= set(patterns.frame)
-    assert len(indenters.frame) == 8
-    assert {"depth_mm", "drag_from_mm", "drag_to_mm", "lost_pixels"} < set(path.frame)
-    assert (path.frame["frames"] > 0).all()
-    for figure in small.figures:
-        assert "1 of 1 positions" in figure.caption
-        assert len(figure.draw().axes) == 2
-    assert len(" ".join(small.verdict).split()) <= 80
+    assert len(small.figures[0].draw().axes) == 2
 
 
 @pytest.mark.slow
-def test_record_gives_the_same_errors(
-    mini: tuple[Path, Path], mini_run: Path, tmp_path: Path
-) -> None:
-    """A record has its own pattern, and here its truth: the stream's frames are micrometres off."""
-    found = pattern_selection.run(StudyRequest(runs=(mini_run,)))
-    (row,) = found.data["tables"]["patterns"]
-    held = open_run(mini_run).pattern["recipe"]
-    assert row["pattern"] == f"d {held['patch_mm']:g} r {held['r']:g}"
-    assert 0 < row["ours_mm"] < 0.02
-    (by_tracker, *_) = found.data["tables"]["indenters"]
-    assert {"sphere:10", "4dots"} < set(by_tracker)
-    # Two runs of one pattern are replicates: together they say what each says.
-    other = shutil.copytree(mini_run, tmp_path / "again")
-    twice = pattern_selection.run(StudyRequest(runs=(mini_run, other)))
-    (again,) = twice.data["tables"]["patterns"]
-    assert again["ours_mm"] == pytest.approx(row["ours_mm"])
+def test_same_command_goes_on(mini: tuple[Path, Path], small: StudyResult) -> None:
+    """Stored jobs cost nothing: the smallest budget has the result of the first call."""
+    again = pattern_selection.run(asked(mini, indenter=("sphere:10",), cpu_minutes=1e-6))
+    assert again.data["tables"] == small.data["tables"]
+    assert "0.0 in this call" in again.settings["CPU time"]
 
 
 @pytest.mark.parametrize(
@@ -96,30 +72,29 @@ def test_record_gives_the_same_errors(
     [
         ({"pattern": ("d0p1-r0p7",)}, "--pattern: 'd0p1-r0p7'"),
         ({"indenter": ("sphere:15",)}, "--indenter: 'sphere:15'"),
+        ({"cpu_minutes": 0.0}, "--cpu-minutes: 0"),
+        ({"cpu_minutes": math.nan}, "--cpu-minutes: nan"),
     ],
 )
-def test_unknown_names_are_refused(
-    mini: tuple[Path, Path], more: dict[str, Any], says: str
-) -> None:
+def test_bad_options_are_refused(mini: tuple[Path, Path], more: dict[str, Any], says: str) -> None:
     with pytest.raises(InputError, match=says):
         pattern_selection.run(asked(mini, **more))
 
 
-def test_presses_are_split_over_workers() -> None:
-    scene = Selection.from_request(StudyRequest())
-    for workers, parts in ((1, 5), (5, 5), (100, 17)):
-        jobs = scene.jobs(workers)
-        assert len({job.name for job in jobs}) == len(jobs) == 5 * parts
-        first = [name for job in jobs[:parts] for name in job.arguments.patterns]
-        assert sorted(first) == sorted(entry.name for entry in scene.entries)
+def test_realisations_cover_every_pattern() -> None:
+    scene = Selection.from_request(StudyRequest(seed=5))
+    jobs = scene.jobs((7,), NAMES)
+    assert len({job.name for job in jobs}) == len(jobs) == 5
+    assert all([*job.arguments.patterns] == NAMES for job in jobs)
+    assert seed_groups([3, 4, 5], 17) == [(3,), (4,), (5,)]
+    assert seed_groups([3, 4, 5, 6], 8) == [(3, 4), (5, 6)]
 
 
 def test_job_key_is_independent_of_process() -> None:
-    job, other = Selection.from_request(StudyRequest()).jobs()[:2]
+    job = Selection.from_request(StudyRequest()).jobs((0,), NAMES)[0]
     assert pickle.loads(pickle.dumps(job)).key() == job.key()
-    assert job.arguments.press == other.arguments.press
     changes: list[dict[str, Any]] = [
-        {"patterns": other.arguments.patterns}, {"methods": ("fused",)}, {"seed": 1},
+        {"patterns": {}}, {"method": "fused"}, {"seeds": (1,)},
         {"flat": "0"}, {"rig_file": "b.toml"}, {"camera": {"k1": 0.1}}, {"press": "star/p9"},
         {"sensor": replace(job.arguments.sensor, skin=SkinDimensions(thickness_mm=11.0))},
         {"protocol": job.arguments.protocol.model_copy(update={"depths_mm": (1.0,)})},
@@ -131,91 +106,163 @@ def test_job_key_is_independent_of_process() -> None:
 
 
 def test_mirrored_positions_are_solved_once() -> None:
-    scene = Selection.from_request(StudyRequest(scale=1.0))
-    assert len(scene.jobs()) == 100
+    scene = Selection.from_request(StudyRequest(options={"protocol": "pattern-selection"}))
+    assert len(scene.jobs((0,), NAMES)) == 20
     presses = scene.scene.gel(scene.name)
     stored = {presses.planned_press(path).solver.stored_as for path in presses.paths}
     assert len(stored) == 6  # the star has one mirror plane
 
 
-INDENTERS = tuple(f"i{k}" for k in range(5))
+def drawn(
+    means_mm: Mapping[tuple[float, float], float], seed: int, spread: float = 0.05, units: int = 40
+) -> dict[str, list[float]]:
+    """Errors by pattern over units, 0.3 mm where none is given; half of the spread is common."""
+    rng = np.random.default_rng(seed)
+    common = rng.normal(0, spread, units)
+    return {
+        e.name: [*means_mm.get((e.recipe.patch_mm or 0, e.recipe.r or 0), 0.3)
+                 * np.exp(common + rng.normal(0, spread, units))]
+        for e in ENTRIES
+    }  # fmt: skip
 
 
-def made_up(
-    errors_mm: dict[tuple[float, float], float], composed: float = 1.0, spread: float = 0.05
-) -> PatternErrors:
-    """Errors of the paper's tracker at the dots by (d, r), 0.3 mm where none is given.
-
-    composed: times the error of the given patterns when flows are composed.
-    """
-    rng = np.random.default_rng(1)
-    printed = list_series()
-    cells = []
-    for p in printed:
-        at = p.recipe.patch_mm, p.recipe.r
-        mean = errors_mm.get(at, 0.3)
-        for indenter, times in zip(INDENTERS, 1 + spread * rng.uniform(-1, 1, 5), strict=True):
-            tallies = {}
-            for method, share in ((SUMMED_FLOW, 1.0), (COMPOSED_FLOW, composed)):
-                value = mean * times * (share if at in errors_mm else 1.0)
-                tally = tallies[method] = ErrorTally()
-                tally.confident_share.add(1.0)
-                tally.lost_share.add(0.0)
-                tally.at_dots.add(np.full(4, value))
-                tally.at_moving_dots.add(np.full(4, value))
-                tally.add_moving(np.full(4, value), np.ones(4, bool))
-            cells.append(
-                PressErrors(
-                    p.name, f"{indenter}/p1", indenter, tallies, {}, np.zeros((0, 2)), None, ()
-                )
-            )
-    return PatternErrors(printed, cells)
+def answered(figures: dict[str, list[float]], most: int = 40) -> tuple[list[Question], int]:
+    """Questions after as many looks as they need, and the tracked realisations of patterns."""
+    questions, names, n = paper_questions(ENTRIES), set(NAMES), 0
+    errors: dict[str, dict[int, float]] = {name: {} for name in NAMES}
+    while names and next_look(n) <= most:
+        units = range(n, next_look(n))
+        for name in names:
+            errors[name] |= {k: figures[name][k] for k in units}
+        n = next_look(n)
+        for question in questions:
+            question.look(errors)
+        names = set().union(*(question.patterns for question in questions))
+    return questions, sum(map(len, errors.values()))
 
 
 THEIRS = {(0.1, 0.5): 0.11, (0.075, 0.6): 0.08}
 
 
 @pytest.mark.parametrize(
-    ("errors", "says"),
+    ("means_mm", "says"),
     [
-        (made_up(THEIRS), ["met", "met", "met"]),
-        (made_up(THEIRS | {(0.15, 0.3): 0.05, (0.05, 0.4): 0.02}), ["missed", "missed", "missed"]),
-        # Both are less, and indenters disagree.
-        (made_up(THEIRS | {(0.15, 0.3): 0.1, (0.05, 0.4): 0.07}, spread=0.9), ["undecided"] * 3),
-        # By one reading of the paper only.
-        (made_up(THEIRS, composed=5.0), ["undecided"] * 3),
-        (made_up(THEIRS | {(0.05, r): 0.6 for r in (0.4, 0.5, 0.6)}), ["met", "met", "met"]),
+        (THEIRS | {(0.05, r): 0.6 for r in (0.4, 0.5, 0.6)}, ["met", "met", "met"]),
+        (THEIRS | {(0.15, 0.3): 0.05, (0.05, 0.4): 0.02, (0.05, 0.5): 0.02},
+         ["missed", "missed", "missed"]),
+        (THEIRS | {(0.15, 0.3): 0.11, (0.1, 0.5): 0.11, (0.075, 0.6): 0.11},
+         ["equal", "equal", "met"]),
     ],
-)
-def test_claim_needs_both_readings(errors: PatternErrors, says: list[str]) -> None:
-    found = claims(errors)
-    assert [one.state() for one in found] == says
-    assert [one.state(final=False) for one in found] == ["undecided"] * 3
+)  # fmt: skip
+def test_planted_best_is_found(
+    means_mm: Mapping[tuple[float, float], float], says: list[str]
+) -> None:
+    questions, tracked = answered(drawn(means_mm, 1, spread=0.02))
+    assert [question.state for question in questions] == says
+    assert tracked < len(NAMES) * 6  # most patterns are dropped early
+    claims = [question.claim(60.0, 40) for question in questions]
+    assert sum(len(claim.sentence().split()) for claim in claims) <= 70
+    assert all("{" not in claim.sentence() for claim in claims)
+    assert all("jobs are missing" in claim.sentence(final=False) for claim in claims)
+    new = [question.claim(60.0, 1).sentence() for question in paper_questions(ENTRIES)]
+    assert all("2 realisations more, 2 CPU min, would tell the spread" in said for said in new)
 
 
-def test_two_patterns_are_not_a_round() -> None:
-    """The paper's optimum once appeared in green from two patterns of the series."""
-    whole = made_up(THEIRS)
-    two = [p for p in whole.printed if p.name in TWO]
-    errors = PatternErrors(two, [cell for cell in whole.cells if cell.pattern in TWO])
-    assert [one.state() for one in claims(errors)] == ["undecided"] * len(claims(errors))
+def test_equal_patterns_are_named() -> None:
+    question = answered(drawn(THEIRS | {(0.15, 0.3): 0.11}, 1, spread=0.02))[0][0]
+    says = question.claim(0.0, 3).sentence()
+    assert says.endswith("among the best of round 1, equal within 10% to d 0.15 r 0.3.")
 
 
-def test_missing_indenter_error_has_no_mean() -> None:
-    errors = made_up({(0.1, 0.5): 0.01})
-    best = errors.best(SUMMED_FLOW, "at_dots", errors.printed)
-    assert best is not None
-    assert best.name == "d0p1-r0p5"
-    del errors._joined["d0p1-r0p5", "i1", SUMMED_FLOW]
-    assert errors.mean("d0p1-r0p5", SUMMED_FLOW, "at_dots") is None
-    assert errors.best(SUMMED_FLOW, "at_dots", errors.printed) != best
+def test_undecided_question_has_a_price() -> None:
+    """Twice as many realisations as the price says do decide it, in most draws."""
+    means_mm = THEIRS | {(0.1, 0.3): 0.12}
+    decided = []
+    for seed in range(12):
+        figures = drawn(means_mm, seed, spread=0.1, units=400)
+        question = answered(figures, most=3)[0][0]
+        claim = question.claim(60.0, 3)
+        if claim.state == "undecided":
+            assert claim.extra is not None
+            says = f"{claim.extra} realisations more, {claim.extra:.2g} CPU min, would decide"
+            assert says in claim.sentence()
+            later = answered(figures, most=2 * (3 + claim.extra))[0][0]
+            decided.append(later.state != "undecided")
+    assert len(decided) > 6
+    assert sum(decided) > len(decided) / 2
 
 
-def test_frames_are_grouped_by_drag() -> None:
-    path = np.array([[2.5, 0.0], [5.0, 0.0], [5.0, 0.5], [5.0, 1.0], [5.0, 2.0]])
-    rows = {SUMMED_FLOW: np.full((5, 3), 0.1)}
-    cell = PressErrors("x", "i/p1", "i", {}, rows, path, None, ())
-    found = PatternErrors((), [cell]).along_path("x", SUMMED_FLOW)
-    assert [(row["depth_mm"], row["drag_to_mm"], row["frames"]) for row in found] == [
-        (5.0, 0.0, 1), (5.0, 1.0, 2), (5.0, 2.0, 1)
-    ]  # fmt: skip
+def test_no_number_decides_wide_spread() -> None:
+    question, rng = Question("it is", {}, ("a",), {"b": ("b",)}), np.random.default_rng(1)
+    x, y = rng.normal(0, 9, (2, 4))
+    y += 0.2 - np.mean(y - x)  # more than the margin, and far less than the spread
+    errors = {name: {k: math.exp(v) for k, v in enumerate(values)}
+              for name, values in (("a", x), ("b", y))}  # fmt: skip
+    question.look(errors)
+    assert "1000 realisations would not decide" in question.claim(60.0, 4).sentence()
+
+
+@pytest.mark.parametrize("spread", [0.02, 0.2])
+def test_same_patterns_have_no_winner(spread: float) -> None:
+    """In 200 studies of equal patterns at most one question in twenty names a better one."""
+    wrong = np.zeros(3)
+    for seed in range(200):
+        states = [q.state for q in answered(drawn({}, seed, spread), most=13)[0]]
+        wrong += [state in ("met", "missed") for state in states]
+    assert (wrong <= 200 / 20).all()
+
+
+def test_untracked_pattern_is_worse() -> None:
+    figures = drawn(THEIRS, 1, spread=0.02)
+    figures["d0p2-r0p1"][1] = math.inf
+    questions, _ = answered(figures)
+    assert questions[0].outcomes["d 0.2 r 0.1"] == "worse"
+    assert questions[0].state == "met"
+    json.dumps([questions[0].claim(0.0, 3).as_dict(), questions[0].rows], allow_nan=False)
+    figures["d0p1-r0p5"][1] = math.inf
+    assert answered(figures)[0][0].state == "missed"
+
+
+def test_part_of_a_round_answers_nothing() -> None:
+    assert paper_questions([e for e in ENTRIES if e.name in TWO]) == []
+    first = [e for e in ENTRIES if 1 in e.rounds]
+    assert [q.claimed for q in paper_questions(first)] == [("d0p1-r0p5",)]
+
+
+def test_press_without_figure_has_no_error() -> None:
+    results: list[dict[str, Any]] = [
+        {"figures": {4: {"x": {"e": 0.1}, "y": {"e": 0.1}}}},
+        {"figures": {4: {"x": {"e": 0.3}, "y": {"e": None}}}},
+    ]
+    assert [*press_means(results, "e")] == [("x", 4, pytest.approx(0.2)), ("y", 4, math.inf)]
+
+
+class CountedRequest(StudyRequest):
+    """A request whose jobs are not run: each takes twice its declared cost."""
+
+    def solve(self, jobs: Any) -> Grid:
+        figures = drawn({}, 1, spread=0.1)
+        return Grid(
+            {job.name: {
+                "figures": {seed: {n: {"mean_at_dots_mm": figures[n][seed]}
+                                   for n in job.arguments.patterns}
+                            for seed in job.arguments.seeds},
+                "refused": [], "flags": {}, "cpu_s": 2 * job.cost,
+            } for job in jobs},
+            {}, 0, sum(2 * job.cost for job in jobs),
+        )  # fmt: skip
+
+
+def test_cpu_time_stays_within_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(GridJob, "is_stored", False)
+    selection = Selection.from_request(StudyRequest())
+    whole_s = sum(job.cost for job in selection.jobs((0,), NAMES))
+    for share, realisations in ((1.0, 1), (4.5, 2), (7.0, 3)):
+        trial = SelectionTrial(selection, CountedRequest(), share * whole_s)
+        trial.run()
+        assert trial.realisations == realisations
+        assert trial.spent_s <= max(share, 2.0) * whole_s  # the first is at its declared cost
+        assert all(one.state == "undecided" and one.extra for one in trial.claims)
+        assert trial.claims[0].unit_cpu_s == pytest.approx(
+            2 * sum(job.cost for job in selection.jobs((0,), trial.questions[0].patterns))
+        )

@@ -13,10 +13,8 @@ import pytest
 from deltact_fab.bench.protocols import plan
 from deltact_fab.common import validate
 from deltact_fab.common.errors import InputError
-from deltact_fab.estimate.analysis.tracking_error.tally import ErrorTally
 from deltact_fab.fabricate.patterns.raster import checked_mm_per_px
 from deltact_fab.fabricate.patterns.recipe import PatternRecipe, load_recipe
-from deltact_fab.studies.study.pattern_errors import OUR_FLOW, PatternErrors, PressErrors
 from deltact_fab.studies.study.pattern_search import open_bench
 from deltact_fab.studies.study.registry import StudyRequest, run_study
 from deltact_fab.studies.study.search_candidates import (
@@ -147,22 +145,13 @@ def test_seed_uses_choice_of_the_others() -> None:
     assert chosen_by_others(errors[:, :1]).tolist() == [1.0]
 
 
-def tally(error_mm: float) -> ErrorTally:
-    one = ErrorTally()
-    one.add_moving(np.array([error_mm]), np.array([True]))
-    return one
-
-
 def test_gain_is_paired_by_seed() -> None:
     errors_mm = {"x": (1.0, 1.1, 0.9, 1.0), PAPER_PATTERN: (4.0, 4.4, 3.6, 4.0)}
-    cells = [
-        PressErrors(name, "p1", f"seed {k}", {OUR_FLOW: tally(v)}, {}, np.zeros((0, 2)), None, ())
-        for name, values in errors_mm.items() for k, v in enumerate(values)
-    ]  # fmt: skip
-    share = headlines(PatternErrors((), cells), ["x"], "x")[1]
+    errors = {name: dict(enumerate(values)) for name, values in errors_mm.items()}
+    share = headlines(errors, ["x"], "x")[1]
     assert (share.value, share.low, share.high) == pytest.approx((0.25, 0.25, 0.25))
     assert share.state == "met"
-    alone = headlines(PatternErrors((), cells[:4]), ["x"], "x")
+    alone = headlines({"x": errors["x"]}, ["x"], "x")
     assert len(alone) == 1  # the paper's was never tracked
 
 

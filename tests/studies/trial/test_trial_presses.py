@@ -12,12 +12,7 @@ from deltact_fab.common import find_file
 from deltact_fab.common.errors import InputError
 from deltact_fab.simulate import RunRequest
 from deltact_fab.studies.study.stream import PressStream
-from deltact_fab.studies.trial.flows import (
-    add_noise,
-    settled_stops,
-    track_stops,
-    true_shifts_mm,
-)
+from deltact_fab.studies.trial.flows import add_noise, settled_stops, track_stops, true_shifts_mm
 from deltact_fab.studies.trial.gels import DrawnPress, _lagrange
 from deltact_fab.studies.trial.start import try_plan
 

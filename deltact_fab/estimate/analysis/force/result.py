@@ -7,7 +7,6 @@ from dataclasses import field as made_by
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import pandas as pd
 
 from deltact_fab.bench import Run
@@ -15,7 +14,6 @@ from deltact_fab.common import Array, make_folder, write_whole
 
 from ...measure.force import FORCE_FEATURES, FORCE_READINGS
 from ...measure.force.calibration import ForceCalibration
-from ...measure.regression import least_squares
 from ..intervals import MIN_GROUPS, Interval
 from ..runs import write_results
 from .dataset import ForceData
@@ -26,17 +24,13 @@ from .judge import (
     WRENCH_LABELS,
     EvaluatedModel,
     LearningCurve,
-    cross_validate,
     error_interval,
     force_component,
     force_figures,
-    root_mean_square,
 )
 
 PAPER_CONDITIONS = "paper"
-DENSITY_FEATURES = {"clipped": PAPER_CONDITIONS, "signed": f"{PAPER_CONDITIONS}-signed"}
 VARIED_UNITS = {"press": "presses", "position": "places", "indenter": "tips"}
-HELD_OUT_COLUMNS = {"at_random_n": "point", "by_press_n": "press", "by_place_n": "position"}
 
 
 @dataclass
@@ -215,51 +209,6 @@ class ForceResult:
                 for name in WRENCH_LABELS
             }
         )
-
-    def errors_by_distance(self) -> pd.DataFrame:
-        """RMSE of the normal force, N, by reading of the paper (and best model) and distance.
-
-        The paper prints that the density is "processed" and "non-negative", not how, and no
-        constant; nor does it print its nine places, which decide most of the error here.
-
-        alone_n: fitted to points of that distance only, a fifth of them left out at random. The
-        other columns: fitted to all, by what was left out.
-        """
-        data, best = self.data, self.best
-        measured = self.wrench_component("normal")
-        distance_mm = np.round(np.hypot(*data.points[["x_mm", "y_mm"]].to_numpy(float).T), 2)
-
-        def cv_errors(X: Array, split: str, mask: Array) -> Array:
-            """Errors (repeats, m) at the points of a mask, of models of these points."""
-            X, y, points = X[mask], measured[mask], data.points[mask].reset_index(drop=True)
-            labels = [str(k) for k in range(X.shape[1])]
-
-            def predict(train: Array, test: Array) -> Array:
-                return X[test] @ least_squares(X[train], y[train], labels).coefficients
-
-            return cross_validate(points, y, split, self.seed, predict) - y
-
-        readings: list[tuple[dict[str, str], Array | None, dict[str, Array]]] = []
-        for density, name in DENSITY_FEATURES.items():
-            use = [data.sets[name].names.index(label) for label in data.sets[name].explains["fz"]]
-            for constant in ("without", "with"):
-                X = data.features[name][:, use]
-                X = np.column_stack((X, np.ones(len(X)))) if constant == "with" else X
-                mask = np.ones(len(X), bool)
-                errors = {c: cv_errors(X, kind, mask) for c, kind in HELD_OUT_COLUMNS.items()}
-                readings.append(({"model": f"paper, {density}", "constant": constant}, X, errors))
-        errors = {c: best.component("normal", kind) - measured
-                for c, kind in HELD_OUT_COLUMNS.items() if kind in best.predicted}  # fmt: skip
-        readings.append(({"model": best.name}, None, errors))
-        rows = []
-        for names, columns, errors in readings:
-            for distance in np.unique(distance_mm):
-                ring = distance_mm == distance
-                row = {**names, "distance_mm": distance, "points": int(ring.sum())}
-                if columns is not None:
-                    row["alone_n"] = root_mean_square(cv_errors(columns, "point", ring))
-                rows.append(row | {c: root_mean_square(e[:, ring]) for c, e in errors.items()})
-        return pd.DataFrame(rows)
 
     def save(self, folder: Path, output: Path) -> list[Path]:
         """Write force.json, force.csv (one row per point) and the calibration with its image."""
