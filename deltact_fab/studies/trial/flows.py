@@ -26,12 +26,8 @@ def settled_stops(stream: PressStream) -> dict[FrameMoment, str]:
 def track_stops(stream: PressStream, recipe: PatternRecipe, seed: int) -> list[FaceFlow]:
     """Track a press in its images: the flow at each settled stop."""
     cv2.setNumThreads(1)  # one job per core
-    stops, flows = settled_stops(stream), []
-    picture, noise, tracker = (
-        stream.picture(recipe, seed),
-        stream.noise(seed),
-        FlowTracker(full=False),
-    )
+    stops, flows, tracker = settled_stops(stream), [], FlowTracker(full=False)
+    picture, noise = stream.picture(recipe, seed), stream.noise(seed)
     for frame in stream.frames(has_truth=False):
         image = stream.tracker_image(picture.expose(frame.at_px, noise, frame.displacement_mm))
         observed = tracker.update(image)

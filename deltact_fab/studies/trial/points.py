@@ -75,8 +75,9 @@ def measure_sensors(job: PressSensors) -> dict[str, dict[int, StopPoints]]:
         points["images"][number] = _points(press, stream, number, flows)
     for number in job.without:
         stream = press.on_sensor(number)
-        rng = np.random.default_rng([number, *job.press.encode()])
-        noise = pool[int(rng.choice([n for n in pool if n != number]))]
+        # One donor for all presses: what its print and camera do to all is fitted.
+        donors = [n for n in pool if n != number]
+        noise = pool[int(np.random.default_rng(number).choice(donors))]
         flows = add_noise(true_shifts_mm(stream), *noise)
         points["noise"][number] = _points(press, stream, number, flows)
     return points
