@@ -263,8 +263,8 @@ def format_counts(counts: Mapping[str, int]) -> str:
 
 def _choose_best(designs: Sequence[PlanDesign]) -> PlanDesign:
     """Return the smallest design that is nearly as good as the best."""
-    least = min(design.prediction.reached() for design in designs)
-    return next(d for d in designs if d.prediction.reached() <= WORSE_FACTOR * least)
+    smallest = min(design.prediction.reached() for design in designs)
+    return next(d for d in designs if d.prediction.reached() <= WORSE_FACTOR * smallest)
 
 
 def _merge_specimen(stated: dict[str, Any], recorded: dict[str, Any]) -> dict[str, Any]:

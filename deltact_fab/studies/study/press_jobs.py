@@ -196,5 +196,7 @@ def track_press(job: TrackingJob) -> dict[str, Any]:
         figures[seed][name] = {key: tallied[key] for key in TRACKED_FIGURES}
         if follower.left_out:
             refused.setdefault((seed, name), follower.left_out[0])
-    lines = [f"{name}, seed {seed}, {job.press}: {why}" for (seed, name), why in refused.items()]
+    lines = [
+        f"{name}, seed {seed}, {job.press}: {reason}" for (seed, name), reason in refused.items()
+    ]
     return {"figures": figures, "refused": lines, "flags": stream.solver.flags}

@@ -94,12 +94,12 @@ class FigureTrial:
         remark = ("simulated, the protocol's gel, images of all presses",)
         name, promise = self.request.protocol.name, self.promise
         if self.compares:
-            found, invented = compare_drawn(
+            differing, invented = compare_drawn(
                 np.array([*figures.values()]), promise.sensors, self._effect(figures), self.times,
                 promise.unit == "%",
             )  # fmt: skip
             return TrialReport(
-                name, promise, found, self.times,
+                name, promise, differing, self.times,
                 f"comparisons of {promise.sensors} and {promise.sensors} out of {len(figures)} "
                 "sensors, the difference planted,", figures, failed, None, invented, remark,
             )  # fmt: skip
