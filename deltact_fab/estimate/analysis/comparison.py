@@ -46,7 +46,6 @@ class Comparison:
     MIN_CHANCE: ClassVar = DECISION_CHANCE
     MAX_UNITS: ClassVar = MAX_UNITS
     chance: ClassVar = staticmethod(chance_of_difference)
-    unit_difference: ClassVar = staticmethod(UnitDifference.from_units)
     require_measure: ClassVar = staticmethod(Measure.require)
     run_figures: ClassVar = staticmethod(run_figures)
     mean_interval: ClassVar = staticmethod(mean_interval)

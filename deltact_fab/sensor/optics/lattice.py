@@ -188,6 +188,10 @@ class SeenFace:
         project_px = (self._true_lens or self.camera).project_px
         return np.asarray(project_px(rest_mm + moved_mm) - project_px(rest_mm))
 
+    def rest_mm(self, px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (..., 2) mm of the resting face that pixels (..., 2) of the view image."""
+        return np.asarray((self._true_lens or self.camera).rest_mm(px))
+
     @cached_property
     def _grid(self) -> LatticeSampler:
         return LatticeSampler.make(self.lattice, *axes_mm(self.camera))
@@ -215,14 +219,22 @@ class _TrueLensMotion:
     def __init__(
         self, lens: Fisheye | Pinhole, view: Pinhole | Rectified, lattice: SurfaceLattice
     ) -> None:
-        self._lens, self._view = lens, view
+        self._lens, self._view, self._lattice = lens, view, lattice
         self._raw = view.lens if isinstance(view, Rectified) else view
-        columns, rows = np.meshgrid(np.arange(view.width_px), np.arange(view.height_px))
+
+    @cached_property
+    def _motion(self) -> FaceMotion:
+        return FaceMotion(self._lattice, self.project_px)
+
+    @cached_property
+    def _at_pixels(self) -> PointSampler:
+        columns, rows = np.meshgrid(np.arange(self._view.width_px), np.arange(self._view.height_px))
         px = np.stack((columns, rows), axis=-1).astype(float)
-        seen_mm = lens.rest_mm(self._raw.rest_px(view.rest_mm(px))).reshape(-1, 2)
-        self._shape = px.shape
-        self._motion = FaceMotion(lattice, self.project_px)
-        self._at_seen = PointSampler(self._motion.lattice, seen_mm)
+        return PointSampler(self._motion.lattice, self.rest_mm(px).reshape(-1, 2))
+
+    def rest_mm(self, px: NDArray[Any]) -> NDArray[Any]:
+        """Points (..., 2) mm of the resting face that pixels (..., 2) of the view image."""
+        return self._lens.rest_mm(self._raw.rest_px(self._view.rest_mm(px)))
 
     def project_px(self, xyz_mm: NDArray[Any]) -> NDArray[Any]:
         """Project points (..., 3) mm through the true lens to the view (..., 2) px."""
@@ -231,5 +243,6 @@ class _TrueLensMotion:
     def motion(self, u_mm: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Motion as in `SeenFace.motion`."""
         parts = self._motion(u_mm), self._motion.displaced(u_mm[..., :2])
-        flow_px, at_rest_mm = (self._at_seen(part).reshape(self._shape) for part in parts)
+        shape = self._view.height_px, self._view.width_px, 2
+        flow_px, at_rest_mm = (self._at_pixels(part).reshape(shape) for part in parts)
         return flow_px, at_rest_mm

@@ -11,7 +11,7 @@ import numpy as np
 
 from deltact_fab.bench import Protocol, RigSetup, VirtualConfig, expand_protocol, open_run
 from deltact_fab.common import InputError, count_workers, format_duration
-from deltact_fab.estimate import Comparison
+from deltact_fab.estimate import Comparison, UnitDifference
 from deltact_fab.fabricate import PatternRecipe
 from deltact_fab.sensor import SensorDimensions
 from deltact_fab.simulate import RunRequest, VirtualKind, run_presses
@@ -138,6 +138,6 @@ def compare_drawn(
         planted = sides[:units] * effect if relative else sides[:units] + effect
         for k, side in enumerate((planted, sides[:units])):
             a = {f"a{n}": figure for n, figure in enumerate(side.tolist())}
-            low, high = Comparison.unit_difference(a, b, relative).interval()
+            low, high = UnitDifference.from_units(a, b, relative).interval()
             counts[k] += low > 0 if k == 0 else low > 0 or high < 0
     return counts[0], counts[1]

@@ -39,20 +39,19 @@ def track_stops(stream: PressStream, recipe: PatternRecipe, seed: int) -> list[F
 def true_shifts_mm(stream: PressStream) -> list[Array]:
     """Return the true shift (h, w, 2) float32 at the points of a `FaceFlow`, at settled stops."""
     n, view = FaceFlow.SPACING_PX, stream.view
-    size = view.width_px // n, view.height_px // n
-    rows, columns = (
-        slice(side % n // 2, side % n // 2 + side // n * n)
+    y, x = (
+        side % n // 2 + n * np.arange(side // n) + (n - 1) / 2
         for side in (view.height_px, view.width_px)
     )
-    shifts = []
+    nodes_px = np.stack(np.meshgrid(x, y), axis=-1)
+    rest_mm, shifts = stream.face.rest_mm(nodes_px).reshape(-1, 2), []
     for moment in settled_stops(stream):
-        u_mm = stream.displacement_mm(moment)
-        if u_mm is None:
-            shifts.append(np.zeros((*size[::-1], 2), np.float32))
-            continue
-        flow = stream.face.motion(u_mm)[0][rows, columns].astype(np.float32)
-        mean = cv2.resize(flow, size, interpolation=cv2.INTER_AREA)
-        shifts.append(np.asarray(mean * np.float32(view.mm_per_px)))
+        u_mm, shift_mm = stream.displacement_mm(moment), np.zeros(nodes_px.shape)
+        if u_mm is not None:
+            shift_mm += view.mm_per_px * stream.face.points_px(u_mm, rest_mm).reshape(
+                shift_mm.shape
+            )
+        shifts.append(shift_mm.astype(np.float32))
     return shifts
 
 

@@ -16,7 +16,7 @@ from .points import POOL_SENSORS, PressSensors, StopPoints, measure_sensors
 from .report import ImageCheck, TrialJobs, TrialReport
 
 IMAGE_EVERY = 16  # by hand: presses of the other sensors, of which one is tracked in images
-GELS_COST_S, IMAGES_COST_S, NOISE_COST_S, FINITE_COST_S = 8.0, 3.0, 0.4, 60.0
+GELS_COST_S, IMAGES_COST_S, NOISE_COST_S, FINITE_COST_S = 8.0, 3.0, 0.2, 60.0
 """By hand, CPU seconds of a press: on five linear gels, in images, without them, and what finite
 strain adds; for the announced time only."""
 

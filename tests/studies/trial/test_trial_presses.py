@@ -12,6 +12,7 @@ from deltact_fab.common import find_file
 from deltact_fab.common.errors import InputError
 from deltact_fab.simulate import RunRequest
 from deltact_fab.studies.study.stream import PressStream
+from deltact_fab.studies.trial import figures
 from deltact_fab.studies.trial.flows import add_noise, settled_stops, track_stops, true_shifts_mm
 from deltact_fab.studies.trial.gels import DrawnPress, _lagrange
 from deltact_fab.studies.trial.start import try_plan
@@ -132,3 +133,25 @@ def test_trial_of_a_plan(tmp_path: Path) -> None:
 def test_faulty_trial_is_refused(tmp_path: Path, promise: str, population: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         try_plan(*write(tmp_path, promise, population), 2)
+
+
+@pytest.mark.slow
+def test_trials_of_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mean error on two sensors; a comparison of two a side, out of four."""
+    monkeypatch.setattr(figures, "POOL_SIZE", 4)
+    text = PROMISE.replace("normal force", "mean tracking error").replace('"N"', '"%"')
+    plan, rig = write(tmp_path, text.replace("0.1\n", "80.0\n", 1))
+    Path(plan).write_text(Path(plan).read_text().replace("rate_hz = 3.0\n", ""))
+    trial = try_plan(plan, rig, 2)
+    assert trial.trials == len(trial.figures) == trial.reached == 2
+    assert all(0 < figure < 80 for figure in trial.figures.values())
+    with pytest.raises(InputError, match="--gel hyperelastic: of a force calibration only"):
+        try_plan(plan, rig, 2, gel="hyperelastic")
+    named = Path(plan).read_text().replace("mean tracking error", "difference of tracking")
+    Path(plan).write_text(f"{named}sensors = 2\n")
+    compared = try_plan(plan, rig, 20)
+    assert compared.trials == 20
+    assert len(compared.figures) == 4
+    assert compared.invented is not None
+    assert compared.invented <= 10
+    assert compared.reached >= compared.invented
