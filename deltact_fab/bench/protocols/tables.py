@@ -309,7 +309,7 @@ class Promise(Table):
     """Interval of the predicted figure, 95 %."""
     chance: Annotated[float, Field(ge=0, le=1)] = Field(examples=[0.86])
     """Predicted chance to meet the goal."""
-    sensors: Annotated[int, Field(ge=0)] = 0
+    sensors: Annotated[int, Field(ge=0, le=1000)] = 0
     """Sensors on each side of a comparison; 0 without sides."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Seed of the plan."""
