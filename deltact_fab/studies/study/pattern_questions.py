@@ -89,16 +89,16 @@ class Question:
         claimed = _mean_errors(errors, self.claimed)
         rates = self._error_rates(len(claimed))
         self.realisations = len(claimed)
-        mean_mm = float(np.mean([*claimed.values()]))
-        self.margin = math.log1p(max(EQUAL_SHARE, EQUAL_MM / mean_mm))
-        for label in self.undecided:
-            rival = _mean_errors(errors, self.rivals[label])
-            n, difference = len(claimed), math.inf if math.inf in rival.values() else -math.inf
-            if math.isfinite(sum(rival.values()) + mean_mm):
-                self.differences[label] = UnitDifference.from_units(rival, claimed, relative=True)
-            else:  # no number of realisations makes up for one that cannot be tracked
-                self.differences[label] = UnitDifference(difference, 0, n - 1, (n, n), True, True)
-            self.outcomes[label] = self._outcome(self.differences[label], *rates)
+        self.margin = math.log1p(max(EQUAL_SHARE, EQUAL_MM / float(np.mean([*claimed.values()]))))
+        rivals = {label: _mean_errors(errors, self.rivals[label]) for label in self.undecided}
+        best = min([claimed, *rivals.values()], key=lambda side: sum(side.values()))
+        for label, rival in rivals.items():
+            difference = self.differences[label] = _difference(rival, claimed)
+            outcome = self._outcome(difference, *rates)
+            # One that is worse than the best so far cannot be the best either.
+            if outcome == "undecided" and _difference(rival, best).interval(1 - rates[1])[0] > 0:
+                outcome = "worse"
+            self.outcomes[label] = outcome
 
     def _outcome(self, difference: UnitDifference, worse: float, better: float) -> RivalOutcome:
         if difference.is_equal(self.margin, worse):
@@ -139,10 +139,18 @@ class Question:
         extra: int | None = FIRST_LOOK - realisations
         if self.differences and self.state == "undecided":
             worse, better = self._error_rates(next_look(self.realisations))
-            parts = [self.differences[label] for label in self.undecided]
-            needed = [d.units_needed(self.margin, worse if d.value > 0 else better) for d in parts]
-            numbers = [next_look(self.realisations), *(n for n in needed if n is not None)]
-            extra = None if None in needed else max(numbers) - realisations
+            needed: dict[str, int | None] = {}
+            for label in self.undecided:
+                difference = self.differences[label]
+                rate = worse if difference.value > 0 else better
+                needed[label] = difference.units_needed(self.margin, rate)
+            # One better rival decides, or else all of them.
+            better_labels = [k for k in needed if self.differences[k].value < -self.margin]
+            refuting = [n for k in better_labels if (n := needed[k]) is not None]
+            numbers = [min(refuting)] if refuting else [*needed.values()]
+            finite = [n for n in numbers if n is not None]
+            extra = max(next_look(self.realisations), *finite, 0) - realisations
+            extra = extra if len(finite) == len(numbers) else None
         answers = {
             state: text.format(
                 *(", ".join(label for label, o in self.outcomes.items() if o == outcome)
@@ -171,6 +179,14 @@ def _mean_errors(errors: Errors, names: Sequence[str]) -> dict[str, float]:
     """Mean error of some patterns by realisation."""
     return {f"{seed}": float(np.mean([errors[name][seed] for name in names]))
             for seed in errors[names[0]]}  # fmt: skip
+
+
+def _difference(side: Mapping[str, float], base: Mapping[str, float]) -> UnitDifference:
+    """Difference of logarithms; infinite if a side cannot be tracked, which no number makes up."""
+    if math.isfinite(sum((*side.values(), *base.values()))):
+        return UnitDifference.from_units(side, base, relative=True)
+    value, n = (math.inf if math.inf in side.values() else -math.inf), len(side)
+    return UnitDifference(value, 0.0, n - 1, (n, n), True, True)
 
 
 def _finite(ends: tuple[float, float]) -> tuple[float | None, float | None]:
