@@ -2,11 +2,12 @@
 
 A realisation is a pattern drawn, printed and photographed anew, with a seed that all patterns
 share, under the same presses. Its error is the mean over presses; patterns are compared by the
-logarithms of paired errors. Look j of any number spends LEVEL / (j (j + 1)) of the error rate, and
-the shares are added (Bonferroni), so it does not matter how looks depend on each other. A rival is
-shown to be better at that level over the number of rivals, as one is enough for "no". "Yes" needs
-each rival to be shown worse, "equal" worse or equal, which needs no correction (Berger,
-Technometrics 24, 1982, 295). A rival with an outcome is not tracked any more.
+logarithms of paired errors. By n realisations a share 1 - 2 / n of the error rate is spent, so that
+any number can follow (Lan and DeMets, Biometrika 70, 1983, 659), and the parts are added
+(Bonferroni), so it does not matter how looks depend on each other. A rival is shown to be better at
+that level over the number of rivals, as one is enough for "no". "Yes" needs each rival to be shown
+worse, "equal" worse or equal, which needs no correction (Berger, Technometrics 24, 1982, 295). A
+rival with an outcome is not tracked any more.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Question:
     """A question whether some patterns have a smaller mean error than each rival.
 
     subject, answers: as of `Claim`. rivals: patterns by label. outcomes, differences: so far, of
-    a rival less the claimed patterns, as logarithms. look: number of the last one.
+    a rival less the claimed patterns, as logarithms. realisations: at the last look, 2 before any.
     """
 
     subject: str
@@ -76,7 +77,7 @@ class Question:
     outcomes: dict[str, RivalOutcome] = field(default_factory=dict)
     differences: dict[str, UnitDifference] = field(default_factory=dict)
     margin: float = math.log1p(EQUAL_SHARE)
-    looks: int = 0
+    realisations: int = 2
 
     def __post_init__(self) -> None:
         self.outcomes = dict.fromkeys(self.rivals, "undecided")
@@ -85,30 +86,30 @@ class Question:
         """Compare the undecided rivals over the realisations so far."""
         if self.state != "undecided":
             return
-        self.looks += 1
         claimed = _mean_errors(errors, self.claimed)
-        mean_mm = float(np.mean([*claimed.values()]))
-        self.margin = math.log1p(max(EQUAL_SHARE, EQUAL_MM / mean_mm))
-        for label in self.undecided:
-            rival = _mean_errors(errors, self.rivals[label])
-            n, difference = len(claimed), math.inf if math.inf in rival.values() else -math.inf
-            if math.isfinite(sum(rival.values()) + mean_mm):
-                self.differences[label] = UnitDifference.from_units(rival, claimed, relative=True)
-            else:  # no number of realisations makes up for one that cannot be tracked
-                self.differences[label] = UnitDifference(difference, 0, n - 1, (n, n), True, True)
-            self.outcomes[label] = self._outcome(self.differences[label])
+        rates = self._error_rates(len(claimed))
+        self.realisations = len(claimed)
+        self.margin = math.log1p(max(EQUAL_SHARE, EQUAL_MM / float(np.mean([*claimed.values()]))))
+        rivals = {label: _mean_errors(errors, self.rivals[label]) for label in self.undecided}
+        best = min([claimed, *rivals.values()], key=lambda side: sum(side.values()))
+        for label, rival in rivals.items():
+            difference = self.differences[label] = _difference(rival, claimed)
+            outcome = self._outcome(difference, *rates)
+            # One that is worse than the best so far cannot be the best either.
+            if outcome == "undecided" and _difference(rival, best).interval(1 - rates[1])[0] > 0:
+                outcome = "worse"
+            self.outcomes[label] = outcome
 
-    def _outcome(self, difference: UnitDifference) -> RivalOutcome:
-        worse, better = self._error_rates(self.looks)
+    def _outcome(self, difference: UnitDifference, worse: float, better: float) -> RivalOutcome:
         if difference.is_equal(self.margin, worse):
             return "equal"
         if difference.interval(1 - worse)[0] > 0:
             return "worse"
         return "better" if difference.interval(1 - better)[1] < 0 else "undecided"
 
-    def _error_rates(self, look: int) -> tuple[float, float]:
-        """Error rates of a look for a worse (or equal) and for a better rival."""
-        rate = QUESTION_ERROR_RATE / (look * (look + 1))
+    def _error_rates(self, realisations: int) -> tuple[float, float]:
+        """Error rates of the next look for a worse (or equal) and for a better rival."""
+        rate = QUESTION_ERROR_RATE * (2 / self.realisations - 2 / realisations)
         return rate, rate / len(self.rivals)
 
     @property
@@ -137,11 +138,19 @@ class Question:
         """Claim with its price. unit_cpu_s: CPU time of a realisation of `patterns`."""
         extra: int | None = FIRST_LOOK - realisations
         if self.differences and self.state == "undecided":
-            worse, better = self._error_rates(self.looks + 1)
-            parts = [self.differences[label] for label in self.undecided]
-            needed = [d.units_needed(self.margin, worse if d.value > 0 else better) for d in parts]
-            numbers = [next_look(parts[0].counts[0]), *(n for n in needed if n is not None)]
-            extra = None if None in needed else max(numbers) - realisations
+            worse, better = self._error_rates(next_look(self.realisations))
+            needed: dict[str, int | None] = {}
+            for label in self.undecided:
+                difference = self.differences[label]
+                rate = worse if difference.value > 0 else better
+                needed[label] = difference.units_needed(self.margin, rate)
+            # One better rival decides, or else all of them.
+            better_labels = [k for k in needed if self.differences[k].value < -self.margin]
+            refuting = [n for k in better_labels if (n := needed[k]) is not None]
+            numbers = [min(refuting)] if refuting else [*needed.values()]
+            finite = [n for n in numbers if n is not None]
+            extra = max(next_look(self.realisations), *finite, 0) - realisations
+            extra = extra if len(finite) == len(numbers) else None
         answers = {
             state: text.format(
                 *(", ".join(label for label, o in self.outcomes.items() if o == outcome)
@@ -170,6 +179,14 @@ def _mean_errors(errors: Errors, names: Sequence[str]) -> dict[str, float]:
     """Mean error of some patterns by realisation."""
     return {f"{seed}": float(np.mean([errors[name][seed] for name in names]))
             for seed in errors[names[0]]}  # fmt: skip
+
+
+def _difference(side: Mapping[str, float], base: Mapping[str, float]) -> UnitDifference:
+    """Difference of logarithms; infinite if a side cannot be tracked, which no number makes up."""
+    if math.isfinite(sum((*side.values(), *base.values()))):
+        return UnitDifference.from_units(side, base, relative=True)
+    value, n = (math.inf if math.inf in side.values() else -math.inf), len(side)
+    return UnitDifference(value, 0.0, n - 1, (n, n), True, True)
 
 
 def _finite(ends: tuple[float, float]) -> tuple[float | None, float | None]:

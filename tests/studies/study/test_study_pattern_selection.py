@@ -184,8 +184,7 @@ def test_undecided_question_has_a_price() -> None:
         claim = question.claim(60.0, 3)
         if claim.state == "undecided":
             assert claim.extra is not None
-            says = f"{claim.extra} realisations more, {claim.extra:.2g} CPU min, would decide"
-            assert says in claim.sentence()
+            assert f"more, {claim.extra:.2g} CPU min, would decide" in claim.sentence()
             later = answered(figures, most=2 * (3 + claim.extra))[0][0]
             decided.append(later.state != "undecided")
     assert len(decided) > 6
