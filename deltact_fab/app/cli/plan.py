@@ -152,9 +152,10 @@ def compare(a: str, b: str, quantity: str, **settings: Any) -> Answer:
     return _answer(quantity, patterns=(a, b), **settings)
 
 
-@click.command("try", epilog="Example: deltact-fab protocol try night --rig sensors.toml")
+@click.command("try", epilog="Example: deltact-fab protocol try night")
 @click.argument("plan_name", metavar="PLAN", type=NAME_OR_PATH)
-@RIG_OPTION
+@click.option("--rig", "rig_name", type=NAME_OR_PATH, default="virtual-sensors", metavar="RIG",
+              help="Virtual rig with a [virtual.population].")  # fmt: skip
 @click.option("--times", type=click.IntRange(2, 1000), default=100, show_default=True,
               metavar="N", help="Number of sensors that are drawn.")  # fmt: skip
 @click.option("--gel", type=click.Choice(["linear", "hyperelastic"]), default="linear",
@@ -163,7 +164,7 @@ def compare(a: str, b: str, quantity: str, **settings: Any) -> Answer:
 @ON_OPTION
 @answers
 def try_(plan_name: str, rig_name: str, times: int, gel: Any, jobs: int | None, on: str) -> Answer:
-    """Try a plan on virtual sensors that are drawn from the rig's [virtual.population].
+    """Try a plan on virtual sensors that are drawn from a rig's [virtual.population].
 
     Ten sensors are tracked in images of all presses. The others have images of every 16th, and else
     the true flow with the noise that images gave; both are compared. The same command goes on

@@ -10,6 +10,7 @@ from typing import Any
 from deltact_fab.bench import SensorLedger
 from deltact_fab.common import Check, InputError, Progress, format_duration, write_new_file
 from deltact_fab.estimate import Comparison
+from deltact_fab.fabricate import load_recipe
 
 from .compare import ComparePlanner
 from .force import ForcePlanner
@@ -129,6 +130,8 @@ def write_plan(
         stated = ({} if recorded is None else {"design": recorded}) | stated
     if patterns:
         stated["pattern"] = patterns[0]
+    for pattern in patterns or [stated[key] for key in ("pattern",) if key in stated]:
+        load_recipe(pattern)  # refused before anything is solved
     target = PlanGoal(files[0].stem, rig, range_n, *goal, time_s, tuple(tips), stated, unattended,
                       seed)  # fmt: skip
     planner: Planner

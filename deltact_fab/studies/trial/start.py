@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from deltact_fab.bench import VirtualConfig
 from deltact_fab.common import InputError, Progress
 from deltact_fab.physics import GelLevel
-from deltact_fab.simulate import RunRequest, SensorDraw
+from deltact_fab.simulate import RunRequest
 
 from .figures import FigureTrial
 from .force import ForceTrial
@@ -31,7 +31,9 @@ def try_plan(
         raise InputError(f"{request.source}: no [promise]; write a plan with `protocol plan`")
     if not isinstance(request.rig, VirtualConfig):
         raise InputError(f"{request.rig_path}: a real rig; a trial needs a virtual one")
-    SensorDraw.from_population(request.rig, 1, str(request.rig_path))
+    if request.rig.virtual.population is None:
+        text = "no [virtual.population] that sensors are drawn from; copy that of virtual-sensors"
+        raise InputError(f"{request.rig_path}: {text}")
     how = TrialJobs(executor, progress, say)
     if promise.measure == "normal force":
         return ForceTrial(request, request.rig, times, gel).run(how)

@@ -128,7 +128,7 @@ def test_trial_of_a_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("promise", "population", "says"),
     [("", POPULATION, r"tried.toml: no \[promise\]"),
-     (PROMISE, "", r"sensors.toml has no \[virtual.population\]")],
+     (PROMISE, "", r"sensors.toml: no \[virtual.population\] that")],
 )  # fmt: skip
 def test_faulty_trial_is_refused(tmp_path: Path, promise: str, population: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
