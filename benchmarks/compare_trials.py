@@ -13,18 +13,20 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from deltact_fab.common import read_json, whole_file
-from deltact_fab.estimate.analysis.difference import UnitDifference, chance_of_difference
+from deltact_fab.estimate.analysis.difference import chance_of_difference
 from deltact_fab.estimate.analysis.press_figures import (
     COMPARED_MEASURES,
     press_figures,
     stored_figures,
 )
 from deltact_fab.simulate import RunRequest, run_experiment
+from deltact_fab.studies.trial.figures import compare_drawn
 
 POOL_FILE = Path(__file__).with_name("compare_pool.json")
 SENSORS, TRIALS, UNITS = 60, 200, 5
@@ -49,56 +51,30 @@ settle_s = 1.0
 [specimen]
 pattern = "recommended"
 """
-POPULATION = """
-[virtual.population]
-modulus = 0.08
-poisson = 0.004
-thickness_mm = 0.2
-sticker_mm = 0.2
-sticker_deg = 0.5
-spread_um = 4.0
-light = 0.08
-camera_mm = 0.1
-camera_height_mm = 0.1
-camera_roll_deg = 0.3
-"""
+SENSORS_RIG = Path("protocols/rigs/virtual-sensors.toml")
+
+
+def run_sensors(folder: Path, protocol: str, rig: Path, count: int) -> Iterator[tuple[int, Path]]:
+    """Run a protocol on each sensor of a rig that is not in the folder yet; yield their folders."""
+    folder.mkdir(exist_ok=True)
+    file = folder / "protocol.toml"
+    file.write_text(protocol)
+    for number in range(1, count + 1):
+        out = folder / f"sensor-{number}"
+        if not (out / "summary.json").exists():
+            run_experiment(RunRequest(str(file), str(rig), out, number, sensor=number), resume=True)
+        yield number, out
 
 
 def measure_pool(folder: Path, rig: Path) -> dict[str, list[float]]:
     """Run each sensor of the pool that is not in the folder yet; figures by measure."""
-    folder.mkdir(exist_ok=True)
-    protocol, population = folder / "compared.toml", folder / "population.toml"
-    protocol.write_text(PROTOCOL)
-    population.write_text(rig.read_text() + POPULATION)
     figures: dict[str, list[float]] = {name: [] for name in POOL_MEASURES}
-    for number in range(1, SENSORS + 1):
-        out = folder / f"sensor-{number}"
-        if not (out / "summary.json").exists():
-            request = RunRequest(str(protocol), str(population), out, number, sensor=number)
-            run_experiment(request, resume=True)
+    for number, out in run_sensors(folder, PROTOCOL, rig, SENSORS):
         for name, values in figures.items():
             presses = stored_figures(out, name, "fused") or press_figures(out, name, "fused")
             values.append(COMPARED_MEASURES[name].over_presses(presses.values()))
         print(number, {name: values[-1] for name, values in figures.items()}, flush=True)
     return figures
-
-
-def trial(pool: np.ndarray, factor: float, rng: np.random.Generator) -> UnitDifference:
-    """Compare units drawn from a pool; those of side a are multiplied by a factor."""
-    drawn = rng.choice(pool, 2 * UNITS, replace=False)
-    a, b = factor * drawn[:UNITS], drawn[UNITS:]
-    return UnitDifference.from_units(
-        {f"a{k}": float(v) for k, v in enumerate(a)},
-        {f"b{k}": float(v) for k, v in enumerate(b)},
-        relative=True,
-    )
-
-
-def count_differing(pool: np.ndarray, factor: float, seed: int) -> int:
-    """Number of TRIALS that find a difference."""
-    rng = np.random.default_rng(seed)
-    low_high = (trial(pool, factor, rng).interval() for _ in range(TRIALS))
-    return sum(low > 0 or high < 0 for low, high in low_high)
 
 
 def planted(pool: np.ndarray) -> tuple[float, float]:
@@ -112,7 +88,7 @@ def main() -> None:
     """Print the trials of each measure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pool", type=Path, metavar="DIR")
-    parser.add_argument("--rig", type=Path, default=Path("protocols/rigs/virtual.toml"))
+    parser.add_argument("--rig", type=Path, default=SENSORS_RIG)
     args = parser.parse_args()
     if args.pool:
         text = json.dumps(measure_pool(args.pool, args.rig), indent=1) + "\n"
@@ -125,7 +101,8 @@ def main() -> None:
         pool = np.array(values)
         factor, chance = planted(pool)
         spread = 100 * float(np.std(np.log(pool), ddof=1))
-        same, found = count_differing(pool, 1.0, 61), count_differing(pool, factor, 62)
+        same = compare_drawn(pool, UNITS, 1.0, TRIALS, True, 61)[1]
+        found = compare_drawn(pool, UNITS, factor, TRIALS, True, 62)[0]
         print(f"| {name} | {spread:.1f} | {same} | {100 * (factor - 1):.0f} | {chance:.2f} "
               f"| {found / TRIALS:.2f} |")  # fmt: skip
 

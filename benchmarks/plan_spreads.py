@@ -23,10 +23,10 @@ from deltact_fab.bench import open_run
 from deltact_fab.common import read_json, whole_file
 from deltact_fab.estimate.analysis.press_figures import press_figures
 from deltact_fab.sensor import GelMaterial, SkinDimensions
-from deltact_fab.simulate import RunRequest, run_experiment
+from deltact_fab.simulate import RunRequest
 from deltact_fab.studies.plan.candidates import DEPTH_LEVELS, GelFeatures, spread_candidates
 
-from .compare_trials import POOL_FILE, POOL_MEASURES, POPULATION
+from .compare_trials import POOL_FILE, POOL_MEASURES, SENSORS_RIG, run_sensors
 
 SPREADS_FILE = Path(__file__).with_name("plan_spreads.json")
 TIPS, PLACES, SENSORS, RANGE_N = ("sphere:10", "sphere:15", "sphere:22"), 6, 4, 6.0
@@ -55,16 +55,8 @@ def protocol_text(rig: Path) -> str:
 
 def measure_sensors(folder: Path, rig: Path) -> list[dict[str, object]]:
     """Figures of each press on each sensor."""
-    folder.mkdir(exist_ok=True)
-    protocol, population = folder / "spread.toml", folder / "population.toml"
-    population.write_text(rig.read_text() + POPULATION)
-    protocol.write_text(protocol_text(rig))
     rows: list[dict[str, object]] = []
-    for number in range(1, SENSORS + 1):
-        out = folder / f"sensor-{number}"
-        if not (out / "summary.json").exists():
-            request = RunRequest(str(protocol), str(population), out, number, sensor=number)
-            run_experiment(request, resume=out.exists())
+    for number, out in run_sensors(folder, protocol_text(rig), rig, SENSORS):
         entries = {entry["name"]: entry for entry in open_run(out).meta["presses"]}
         for measure in POOL_MEASURES:
             for name, figure in press_figures(out, measure, "fused").items():
@@ -104,7 +96,7 @@ def main() -> None:
     """Print the spreads of each measure."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=Path, metavar="DIR")
-    parser.add_argument("--rig", type=Path, default=Path("protocols/rigs/virtual.toml"))
+    parser.add_argument("--rig", type=Path, default=SENSORS_RIG)
     args = parser.parse_args()
     if args.runs:
         table = pd.DataFrame(measure_sensors(args.runs, args.rig))

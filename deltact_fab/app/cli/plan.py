@@ -157,7 +157,7 @@ def compare(a: str, b: str, quantity: str, **settings: Any) -> Answer:
 @click.option("--rig", "rig_name", type=NAME_OR_PATH, default="virtual-sensors", metavar="RIG",
               help="Virtual rig with a [virtual.population].")  # fmt: skip
 @click.option("--times", type=click.IntRange(2, 1000), default=100, show_default=True,
-              metavar="N", help="Number of sensors that are drawn.")  # fmt: skip
+              metavar="N", help="Number of sensors, or of comparisons of them.")  # fmt: skip
 @click.option("--gel", type=click.Choice(["linear", "hyperelastic"]), default="linear",
               show_default=True, help="Gel that is pressed; a plan's is linear.")  # fmt: skip
 @JOBS_OPTION
@@ -166,9 +166,9 @@ def compare(a: str, b: str, quantity: str, **settings: Any) -> Answer:
 def try_(plan_name: str, rig_name: str, times: int, gel: Any, jobs: int | None, on: str) -> Answer:
     """Try a plan on virtual sensors that are drawn from a rig's [virtual.population].
 
-    Ten sensors are tracked in images of all presses. The others have images of every 16th, and else
-    the true flow with the noise that images gave; both are compared. The same command goes on
-    where a stopped one was.
+    Of a force calibration ten sensors are tracked in images of all presses. The others have images
+    of every 16th, and else the true flow with the noise that images gave; both are compared. A mean
+    or a comparison is tried by whole runs. The same command goes on where a stopped one was.
     """
     from deltact_fab.common import open_executor
     from deltact_fab.studies import try_plan

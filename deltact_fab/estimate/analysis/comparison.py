@@ -44,7 +44,6 @@ class Comparison:
     notes: tuple[str, ...]
 
     MIN_CHANCE: ClassVar = DECISION_CHANCE
-    MAX_UNITS: ClassVar = MAX_UNITS
     chance: ClassVar = staticmethod(chance_of_difference)
     require_measure: ClassVar = staticmethod(Measure.require)
     run_figures: ClassVar = staticmethod(run_figures)

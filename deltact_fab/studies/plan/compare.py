@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from deltact_fab.common import Array
-from deltact_fab.estimate import Comparison
+from deltact_fab.estimate import Comparison, UnitDifference
 
 from .mean import MeanPlanner
 from .pilot import Pilot
@@ -94,9 +94,9 @@ class ComparePlanner(MeanPlanner):
         return 1 + bisect_left(numbers, target, key=lambda n: self.chance(sensors, n))
 
     def _enough_sensors(self) -> int:
-        """Fewest sensors a side that find the difference with sure_chance, at most MAX_UNITS."""
+        """Fewest sensors a side that are sure enough, at most UnitDifference.LIMIT."""
         return 2 + bisect_left(
-            range(2, Comparison.MAX_UNITS), self.sure_chance,
+            range(2, UnitDifference.LIMIT), self.sure_chance,
             key=lambda n: self.chance(n, self._presses or self.enough_presses(n)),
         )  # fmt: skip
 

@@ -130,7 +130,7 @@ def write_plan(
         stated = ({} if recorded is None else {"design": recorded}) | stated
     if patterns:
         stated["pattern"] = patterns[0]
-    for pattern in patterns or [stated[key] for key in ("pattern",) if key in stated]:
+    for pattern in patterns or filter(None, [stated.get("pattern")]):
         load_recipe(pattern)  # refused before anything is solved
     target = PlanGoal(files[0].stem, rig, range_n, *goal, time_s, tuple(tips), stated, unattended,
                       seed)  # fmt: skip

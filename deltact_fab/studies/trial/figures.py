@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltact_fab.bench import Protocol, RigSetup, VirtualConfig, expand_protocol, open_run
 from deltact_fab.common import InputError, count_workers, format_duration
@@ -91,13 +91,13 @@ class FigureTrial:
             for number, job in enumerate(jobs, start=1) if job.name in grid.results
         }  # fmt: skip
         failed = {int(name.split()[-1]): reason for name, reason in grid.missing.items()}
-        remark = ("simulated, the protocol's gel, images of all presses",)
+        remark = ["simulated, the protocol's gel, images of all presses"]
         name, promise = self.request.protocol.name, self.promise
         if self.compares:
+            remark.append("comparisons share sensors: the interval is narrower than it should be")
             differing, invented = compare_drawn(
-                np.array([*figures.values()]), promise.sensors, self._effect(figures), self.times,
-                promise.unit == "%",
-            )  # fmt: skip
+                [*figures.values()], promise.sensors, self._effect, self.times, promise.unit == "%"
+            )
             return TrialReport(
                 name, promise, differing, self.times,
                 f"comparisons of {promise.sensors} and {promise.sensors} out of {len(figures)} "
@@ -108,8 +108,9 @@ class FigureTrial:
             name, promise, reached, self.times, "sensors", figures, failed, remarks=remark
         )
 
-    def _effect(self, figures: dict[int, float]) -> float:
-        """Return the difference to plant: a factor, or an amount in the promise's unit."""
+    @property
+    def _effect(self) -> float:
+        """Difference to plant: a factor, or an amount in the promise's unit."""
         return 1 + self.promise.goal / 100 if self.promise.unit == "%" else self.promise.goal
 
     def _job(self, number: int) -> GridJob:
@@ -123,15 +124,17 @@ class FigureTrial:
 
 
 def compare_drawn(
-    pool: Any, units: int, effect: float, times: int, relative: bool
+    pool: ArrayLike, units: int, effect: float, times: int, relative: bool, seed: int = 0
 ) -> tuple[int, int]:
     """Draw sides from a pool, without replacement; count differences, planted and invented.
 
-    effect: a factor of side a, or an amount added to it. Raises InputError for too small a pool.
+    effect: a factor of side a, or an amount added to it. Draws share sensors, so they are less
+    independent than the binomial interval takes them. Raises InputError for too small a pool.
     """
+    pool = np.asarray(pool, float)
     if len(pool) < 2 * units:
         raise InputError(f"{len(pool)} sensors with a figure; two sides need {2 * units}")
-    counts, rng = [0, 0], np.random.default_rng(0)
+    counts, rng = [0, 0], np.random.default_rng(seed)
     for _ in range(times):
         sides = rng.choice(pool, 2 * units, replace=False)
         b = {f"b{n}": figure for n, figure in enumerate(sides[units:].tolist())}

@@ -89,9 +89,8 @@ class ForceTrial:
         press_s = GELS_COST_S + finite_s + NOISE_COST_S * len(self.sensors)
         cost_s = len(self.presses) * press_s + IMAGES_COST_S * with_images
         how.say(
-            f"{len(self.presses)} presses on {len(self.sensors)} sensors, {with_images} of them "
-            f"in images: about {format_duration(cost_s)} of computing on "
-            f"{count_workers(how.executor)} cores"
+            f"{len(self.presses)} presses on {len(self.sensors)} sensors, {with_images} in images: "
+            f"about {format_duration(cost_s)} of computing on {count_workers(how.executor)} cores"
         )
 
     def _remarks(self) -> list[str]:

@@ -51,10 +51,11 @@ class ImageCheck:
     @property
     def line(self) -> str:
         value, low, high = self.ratio
+        differs = low > EQUAL_SHARE or high < -EQUAL_SHARE
         return (
             f"measured noise instead of images, {len(self.by_images)} sensors: error {value:+.1%} "
             f"[{low:+.1%} to {high:+.1%}]; equal within {EQUAL_SHARE:.0%}: "
-            f"{'yes' if self.equal else 'NO'}"
+            f"{'yes' if self.equal else 'NO' if differs else 'not shown'}"
         )
 
 

@@ -17,6 +17,7 @@ from deltact_fab.estimate.analysis.difference import (
     chance_of_difference,
     chance_of_equality,
 )
+from deltact_fab.studies.trial.figures import compare_drawn
 
 RNG = np.random.default_rng(61)
 X, Y = RNG.normal(5.0, 0.5, 6), RNG.normal(5.3, 0.9, 9)
@@ -104,10 +105,11 @@ def test_pool_of_sensors_is_compared_fairly(measure: str) -> None:
     """At most 16 of 200 trials of one kind differ; a planted difference is found as told."""
     pool = np.array(read_json(compare_trials.POOL_FILE)[measure])
     assert len(pool) >= 60
-    assert compare_trials.count_differing(pool, 1.0, 61) <= 16
+    count, times = compare_trials.UNITS, compare_trials.TRIALS
+    assert compare_drawn(pool, count, 1.0, times, True, 61)[1] <= 16
     factor, chance = compare_trials.planted(pool)
     low, high = binom.interval(0.95, compare_trials.TRIALS, chance)
-    assert low <= compare_trials.count_differing(pool, factor, 62) <= high
+    assert low <= compare_drawn(pool, count, factor, times, True, 62)[0] <= high
 
 
 def test_outcomes_follow_the_figures() -> None:

@@ -59,6 +59,12 @@ def test_noise_beside_images(ratio: float, equal: bool) -> None:
     assert trial.images.equal is equal
     assert trial.images.ratio[0] == pytest.approx(ratio - 1, abs=0.03)
     assert ("equal within 10%: yes" in trial.lines[2]) == equal
+    assert ("equal within 10%: NO" in trial.lines[2]) == (not equal)
+
+
+def test_few_sensors_show_nothing() -> None:
+    line = ImageCheck([0.02, 0.05], [0.03, 0.04]).line
+    assert line.endswith("equal within 10%: not shown")
 
 
 def test_sensors_in_promised_interval() -> None:
