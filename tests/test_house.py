@@ -193,7 +193,7 @@ def test_one_file_locates_the_package(sources: Sources) -> None:
 # A ratchet: a figure goes down with each commit that makes the house smaller, up only by a commit
 # that says why, and at the end of an issue none is above that at its beginning.
 CEILINGS = {
-    ("deltact_fab", "lines"): 79059,
+    ("deltact_fab", "lines"): 79060,
     ("deltact_fab", "files"): 445,
     ("tests", "lines"): 44564,
 }

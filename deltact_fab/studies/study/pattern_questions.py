@@ -278,7 +278,7 @@ def error_tables(
                 "high_mm": high, "realisations": len(errors.get(entry.name, {})),
             }
         )  # fmt: skip
-    caption = "Error of each pattern at the dots (Eq. 7), mean over presses."
+    caption = "Error of each pattern at the dots. Mean over presses, by Eq. 7 of the paper."
     tables = [ReportTable("patterns", caption, pd.DataFrame(rows))]
     if compared := [row for question in questions for row in question.rows]:
         caption = (
@@ -293,7 +293,8 @@ def error_chart(entries: Sequence[SeriesEntry], errors: Errors, covers: str) -> 
     """Chart of the errors by round."""
     return ReportFigure(
         "errors",
-        "Mean error of the published tracker at the dots, with 95 % intervals over realisations; "
+        "Mean error of the published tracker at the dots, from four realisations with 95 % "
+        "intervals over them; "
         f"horizontal lines: the paper's, dashed if given as 'around'. {covers}.",
         partial(_plot_errors, entries, errors),
     )
